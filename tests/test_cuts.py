@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,12 @@ from typer.testing import CliRunner
 from bcid.cli.app import app
 from bcid.errors import InputRefused, UsageError
 from bcid.pipeline.config import PipelineConfig
-from bcid.pipeline.cuts import COMMAND_MARGIN_S, TimeCut, cut_raw_take, read_cut_recording, split_cut
+from bcid.pipeline.cuts import COMMAND_MARGIN_S, cut_raw_take, read_cut_recording, split_cut
 from bcid.pipeline.run import Pipeline
 from bcid.pipeline.takes import name_takes
+from bcid.recording.formats import csv_plain, mcap_contents
 from bcid.recording.formats.detect import find_commands_file
+from bcid.recording.formats.raw import TimeCut
 from bcid.recording.read import read_raw_take, read_recording
 from bcid.recording.saving import load_recording
 from bcid.recording.types import Recording
@@ -89,11 +92,57 @@ def test_faults_outside_a_cut_do_not_matter(tmp_path: Path, vehicle_file: Path) 
     commands = find_commands_file(path, None)
     whole = read_cut_recording(path, car, commands, False, None)
     part = read_cut_recording(path, car, commands, False, TimeCut(0.0, 30.0))
-    # what a reader notes of the file stays, what is wrong with the part's own samples is nothing
+    # nothing of it is noted, not even by the reader
     kinds = [{odd.kind for odd in recording.irregularities} for recording in (whole, part)]
-    assert kinds[0] - kinds[1] == {"pose dropout", "pose end"}
+    assert kinds[0] - kinds[1] == {"lost pose", "marker error", "pose dropout", "pose end"}
     assert np.array_equal(part.poses.values, sound.poses.values)
     assert part.duration_s == pytest.approx(30.0, abs=0.1)
+
+
+def test_of_a_motive_export_a_cut_reads_only_its_part(takes: dict[str, Path], vehicle: Vehicle) -> None:
+    path, cut = takes["motive"], TimeCut(12.0, 40.0)
+    commands = find_commands_file(path, None)
+    whole, part = (read_raw_take(path, vehicle, commands, cut=c) for c in (None, cut))
+    assert part.first_pose_s == whole.pose_time_s[0]
+    assert len(part.pose_time_s) < 0.6 * len(whole.pose_time_s)
+    assert part.pose_time_s[0] == pytest.approx(whole.pose_time_s[0] + 11.0, abs=0.1)
+    one, other = (cut_raw_take(take, cut) for take in (whole, part))
+    assert one.pose_time_s.tobytes() == other.pose_time_s.tobytes()
+    assert one.pose.tobytes() == other.pose.tobytes()
+    assert one.command.tobytes() == other.command.tobytes()
+
+
+def test_a_motive_export_with_too_many_rows_is_read_in_parts(
+    takes: dict[str, Path], vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, cut = takes["motive"], TimeCut(12.0, 40.0)
+    commands = find_commands_file(path, None)
+    whole = cut_raw_take(read_raw_take(path, vehicle, commands), cut)
+    monkeypatch.setattr(csv_plain, "LIMITS", replace(csv_plain.LIMITS, max_rows=2500))
+    with pytest.raises(InputRefused, match=r"more rows than 2500.*\n.*\[0:3600\]"):
+        read_raw_take(path, vehicle, commands)
+    part = cut_raw_take(read_raw_take(path, vehicle, commands, cut=cut), cut)
+    assert part.pose.tobytes() == whole.pose.tobytes()
+
+
+def test_an_mcap_file_with_too_many_messages_is_read_in_parts(
+    takes: dict[str, Path], vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, cut = takes["mcap"], TimeCut(12.0, 20.0)
+    whole = cut_raw_take(read_raw_take(path, vehicle), cut)
+    monkeypatch.setattr(mcap_contents, "MCAP", replace(mcap_contents.MCAP, max_messages=2000))
+    with pytest.raises(InputRefused, match=r"more than 2000 messages.*\n.*\[0:3600\]"):
+        read_raw_take(path, vehicle)
+    read = read_raw_take(path, vehicle, cut=cut)
+    assert len(read.pose_time_s) < 2000
+    part = cut_raw_take(read, cut)
+    assert part.pose_time_s.tobytes() == whole.pose_time_s.tobytes()
+    assert part.pose.tobytes() == whole.pose.tobytes()
+    at = np.arange(cut.begin_s, cut.end_s, 0.01) + whole.pose_time_s[0] - cut.begin_s
+    held = [t.command[np.searchsorted(t.command_time_s, at, side="right") - 1] for t in (whole, part)]
+    assert held[0].tobytes() == held[1].tobytes()
+    with pytest.raises(InputRefused, match=r"between 900 and 950 s: the take lasts (60\.0|59\.\d) s"):
+        read_raw_take(path, vehicle, cut=TimeCut(900.0, 950.0))
 
 
 def test_a_cut_beyond_the_take_is_refused(takes: dict[str, Path], vehicle: Vehicle) -> None:
@@ -163,7 +212,7 @@ def test_what_was_read_is_written_as_tables(takes: dict[str, Path], vehicle_file
 
 def test_a_table_of_no_known_kind_is_refused_before_anything_is_read(tmp_path: Path) -> None:
     words = ["ingest", "none.csv", "--vehicle", "none.toml", "--out", str(tmp_path)]
-    with pytest.raises(UsageError, match=r"\.csv or a \.parquet"):
+    with pytest.raises(UsageError, match=r"a \.csv, a \.parquet or a folder"):
         CliRunner().invoke(app, [*words, "--table", "t.xlsx"], catch_exceptions=False)
     with pytest.raises(UsageError, match="--check writes nothing"):
         CliRunner().invoke(app, [*words[:-2], "--check", "--table", "t.csv"], catch_exceptions=False)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bcid.errors import InputRefused
-from bcid.estimate import kernel, reference
+from bcid.estimate import blockwise, kernel, reference
 from bcid.estimate.consistency import Truth
 from bcid.estimate.events import build_chassis, build_timeline, hold_commands
 from bcid.estimate.process import DELTA, N_STATE, THETA, Chassis, F, H, f, h
@@ -260,14 +260,34 @@ def test_the_steering_goes_on_through_a_lost_pose(recording: Recording, vehicle:
     np.testing.assert_allclose(cut.kinematic[:, 3], whole.kinematic[same, 3], atol=0.03)
 
 
+@pytest.mark.parametrize("size", [997, 2000, 1 << 20])
+def test_blocks_of_any_size_give_the_same_estimate_to_the_last_bit(
+    recording: Recording, vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch, size: int
+) -> None:
+    broken = replace(recording, breaks_s=(float(recording.poses.time_s[1500]), float(recording.poses.time_s[2200])))
+    line = build_timeline(broken, vehicle, 0.1, 0.3, TUNING.T_s, TUNING.d)
+    task = build_chassis(vehicle, TUNING.T_s, TUNING.d), TUNING.noise.Q(), TUNING.noise.R()
+    filtered = kernel.run_filter(line.events, *task)
+    x, P = kernel.run_smoother(filtered, line.events.restart)
+    monkeypatch.setattr(blockwise, "BLOCK_EVENTS", size)
+    forward = blockwise.run_forward(line.events, line.grid, *task)
+    assert len(forward.starts) == -(-len(line.events.time_s) // size)
+    assert forward.log_likelihood == filtered.log_likelihood
+    smoothed = blockwise.run_backward(forward, line.grid)
+    one = (forward.nis, forward.dof, forward.x, forward.P, *smoothed)
+    other = (filtered.nis, filtered.dof, *(moments[line.grid] for moments in (filtered.x, filtered.P, x, P)))
+    for a, b in zip(one, other, strict=True):
+        assert a.tobytes() == b.tobytes()
+
+
 def test_a_filter_that_has_lost_the_car_begins_anew(
     recording: Recording, vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its covariance may cease to be one where the front wheel spins; the smoother would carry NaN to the start."""
-    whole, run_filter, calls = estimate_motion(recording, vehicle, TUNING), kernel.run_filter, list[Any]()
+    whole, run_forward, calls = estimate_motion(recording, vehicle, TUNING), blockwise.run_forward, list[Any]()
 
-    def loses_it(events: kernel.Events, *rest: Any) -> kernel.FilterPass:
-        found = run_filter(events, *rest)
+    def loses_it(events: kernel.Events, *rest: Any) -> blockwise.ForwardPass:
+        found = run_forward(events, *rest)
         calls.append(events)
         middle = len(found.nis) // 2
         if len(calls) == 1:
@@ -276,7 +296,7 @@ def test_a_filter_that_has_lost_the_car_begins_anew(
             found.nis[middle + 100] = np.nan
         return found
 
-    monkeypatch.setattr(kernel, "run_filter", loses_it)
+    monkeypatch.setattr(blockwise, "run_forward", loses_it)
     estimate = estimate_motion(recording, vehicle, TUNING)
     half = len(calls[0].time_s) // 2
     lost_s = [float(calls[0].time_s[half]), float(calls[1].time_s[half + 100])]
@@ -292,13 +312,13 @@ def test_a_filter_that_has_lost_the_car_begins_anew(
 def test_what_the_filter_cannot_follow_is_refused(
     recording: Recording, vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run_filter = kernel.run_filter
+    run_forward = blockwise.run_forward
 
-    def always(events: kernel.Events, *rest: Any) -> kernel.FilterPass:
-        found = run_filter(events, *rest)
+    def always(events: kernel.Events, *rest: Any) -> blockwise.ForwardPass:
+        found = run_forward(events, *rest)
         return found._replace(nis=np.where(np.arange(len(found.nis)) == 50 + events.restart.sum(), np.nan, found.nis))
 
-    monkeypatch.setattr(kernel, "run_filter", always)
+    monkeypatch.setattr(blockwise, "run_forward", always)
     with pytest.raises(InputRefused, match="loses the car"):
         estimate_motion(recording, vehicle, TUNING)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -28,9 +28,6 @@ from bcid.cli.simulating import simulate
 from bcid.cli.starting import init
 from bcid.cli.viewing import view
 from bcid.errors import Problems, UsageError
-
-if TYPE_CHECKING:
-    from bcid.recording.types import Recording
 
 app = typer.Typer(
     name="bcid",
@@ -69,8 +66,9 @@ def ingest(
     table: Annotated[
         Path | None,
         typer.Option(
-            "--table", metavar="FILE.parquet|FILE.csv",
-            help="Write what was read as tables as well: poses to this file, commands and channels beside it.",
+            "--table", metavar="FILE.parquet|FILE.csv|FOLDER",
+            help="Write what was read as tables as well: poses to this file, commands and channels beside it; or into "
+            "a folder, a part for each recording.",
         ),
     ] = None,
     allow_partial: options.AllowPartialOption = False,
@@ -81,8 +79,9 @@ def ingest(
     from bcid.cli import show
     from bcid.cli.checking import check_recordings
     from bcid.cli.sink import Sink
+    from bcid.pipeline.partitioned_tables import write_partitioned_tables
     from bcid.pipeline.run import Pipeline
-    from bcid.pipeline.tidy_tables import check_table_name, write_tidy_tables
+    from bcid.pipeline.tidy_tables import check_table_name, names_folder, write_tidy_tables
     from bcid.recording.saving import RecordingSummary, load_recording
 
     if check and table:
@@ -98,20 +97,23 @@ def ingest(
         check_recordings(config, sink)
         return
     work, taken, problems = Pipeline(config, sink), list[dict[str, Any]](), Problems()
-    read: dict[str, Recording] = {}
+    read: dict[str, Path] = {}
     for path in work.config.recordings():
         # after a refusal the other recordings are read all the same
         with problems.gather_refusals():
             made = work.ingest(path)
             summary = RecordingSummary.read(made.folder / "recording.json")
             taken.append(summary.as_json() | {"name": work.names[path], "folder": str(made.folder)})
-            if table:
-                read[work.names[path]] = load_recording(made.folder)
+            read[work.names[path]] = made.folder
     if taken:
         sink.result({"schema": "bcid.ingest/1", "recordings": taken}, lambda: show.recording_tables(taken))
     problems.raise_if_any(work.config.recordings()[0])
     if table:
-        written = write_tidy_tables(table, read, lambda there: force)
+        if names_folder(table):
+            written = write_partitioned_tables(table, read, lambda there: force)
+        else:
+            takes = {name: load_recording(folder) for name, folder in read.items()}
+            written = write_tidy_tables(table, takes, lambda there: force)
         sink.note(f"written to: {', '.join(map(str, written))}")
     work.raise_if_parts_lost()
 

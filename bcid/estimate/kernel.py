@@ -43,12 +43,29 @@ def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> FilterPass:
     `Q` (7, 7) is the process noise's spectral density, `R` (6,) the variances of x, y, yaw, steering, yaw rate and
     wheel speed.  At events marked `restart` the state begins anew from `events.x_0`, but for the steering angle.
     """
-    M, n = len(events.time_s), N_STATE * N_STATE
+    return filter_block(events, 0, len(events.time_s), np.zeros(N_STATE), np.zeros((N_STATE, N_STATE)), 0.0, c, Q, R)
+
+
+@njit
+def filter_block(
+    events: Events, first: int, end: int, x: Floats, P: Floats, total: float, c: Chassis, Q: Floats, R: Floats
+) -> FilterPass:
+    """The forward pass over the events from `first` to before `end`, as it is within a pass over all of them.
+
+    `x` (7,) and `P` (7, 7) are mean and covariance after the event before `first`, and `total` is the log-likelihood up
+    to there, to which that of the block is added; they are not used where `first` is 0.
+    """
+    M, n = end - first, N_STATE * N_STATE
     x_prior, x_post, nis, dof = np.empty((M, N_STATE)), np.empty((M, N_STATE)), np.empty(M), np.empty(M)
     # one number more than the matrices need, as `store_matrix` asks
     P_prior, P_post, Phis = np.empty(M * n + 1), np.empty(M * n + 1), np.empty(M * n + 1)
-    total, w = 0.0, allocate_workspace(Q)
-    for k in range(M):
+    w = allocate_workspace(Q)
+    for i in range(N_STATE):
+        w.x[i] = x[i]
+        for j in range(N_STATE):
+            w.P[i * ROW + j] = P[i, j]
+    for k in range(first, end):
+        row = k - first
         if events.restart[k] > 0.0:
             # the steering knows nothing of a lost pose: delta goes on, the rest starts anew
             delta, variance = events.x_0[k, DELTA], events.P_0[DELTA]
@@ -61,14 +78,14 @@ def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> FilterPass:
             set_moments(w, events.x_0[0], events.P_0)
         else:
             predict(events.u_s[k - 1], c, events.time_s[k] - events.time_s[k - 1], w)
-        store_matrix(w.P, P_prior, k * n)
-        store_matrix(w.Phi, Phis, k * n)
+        store_matrix(w.P, P_prior, row * n)
+        store_matrix(w.Phi, Phis, row * n)
         for i in range(N_STATE):
-            x_prior[k, i] = w.x[i]
-        nis[k], dof[k], log_likelihood = update(events.z[k], R, c, w)
-        store_matrix(w.P, P_post, k * n)
+            x_prior[row, i] = w.x[i]
+        nis[row], dof[row], log_likelihood = update(events.z[k], R, c, w)
+        store_matrix(w.P, P_post, row * n)
         for i in range(N_STATE):
-            x_post[k, i] = w.x[i]
+            x_post[row, i] = w.x[i]
         total += log_likelihood
     shape = (M, N_STATE, N_STATE)
     return FilterPass(

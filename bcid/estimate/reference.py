@@ -9,7 +9,8 @@ import math
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
-from bcid.aliases import Floats
+from bcid.aliases import Floats, Ints
+from bcid.estimate.blockwise import ForwardPass
 from bcid.estimate.filter_step import MAX_STEP_S
 from bcid.estimate.kernel import Events, FilterPass
 from bcid.estimate.process import DELTA, N_MEASURED, N_STATE, Chassis, F, H, f, h
@@ -79,6 +80,21 @@ def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> FilterPass:
         rows.append((*prior, ekf.x.copy(), ekf.P.copy(), Phi, nis, len(here)))
     x_prior, P_prior, x, P, Phis, all_nis, dof = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
     return FilterPass(x_prior, P_prior, x, P, Phis, all_nis, dof, float(total))
+
+
+def run_forward(events: Events, grid: Ints, c: Chassis, Q: Floats, R: Floats) -> ForwardPass:
+    """The forward pass by filterpy as one block, in place of the compiled `blockwise.run_forward`."""
+    whole = run_filter(events, c, Q, R)
+    start = 0, np.zeros(N_STATE), np.zeros((N_STATE, N_STATE))
+    return ForwardPass(
+        (events, c, Q, R), [start], whole, whole.nis, whole.dof, whole.log_likelihood, whole.x[grid], whole.P[grid]
+    )  # fmt: skip
+
+
+def run_backward(forward: ForwardPass, grid: Ints) -> tuple[Floats, Floats]:
+    """Smoothed means (K, 7) and covariances (K, 7, 7) at the events `grid` (K,), by `run_smoother`."""
+    x, P = run_smoother(forward.last, forward.task[0].restart)
+    return x[grid], P[grid]
 
 
 def run_smoother(filtered: FilterPass, restart: Floats) -> tuple[Floats, Floats]:

@@ -7,10 +7,10 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.errors import InputRefused
-from bcid.estimate import kernel
+from bcid.estimate import blockwise
+from bcid.estimate.blockwise import ForwardPass
 from bcid.estimate.consistency import Truth, TruthCheck, rmse_by_state, summarise_nees, summarise_nis
 from bcid.estimate.events import Timeline, build_chassis, build_timeline
-from bcid.estimate.kernel import FilterPass
 from bcid.estimate.limits import LIMITS
 from bcid.estimate.process import Chassis, kinematic_sd, kinematic_states, twist_covariances, twists
 from bcid.estimate.tuning import Tuning
@@ -27,7 +27,7 @@ class _SmoothedPass(NamedTuple):
 
     timeline: Timeline
     chassis: Chassis
-    filtered: FilterPass
+    filtered: ForwardPass
     x: Floats  # (K, 7) smoothed, at the grid rows
     P: Floats  # (K, 7, 7)
     restarts_s: tuple[float, ...]  # when the filter had lost the car and was restarted
@@ -46,12 +46,13 @@ def _filter_and_smooth(
         LibraryMissing: the `engine` "filterpy" is asked for and not installed.
     """
     chassis, restarts = build_chassis(vehicle, tuning.T_s, tuning.d), list[float]()
-    run_filter, run_smoother = kernel.run_filter, kernel.run_smoother
+    Q, R = tuning.noise.Q(), tuning.noise.R()
+    run_forward, run_backward = blockwise.run_forward, blockwise.run_backward
     if engine == "filterpy":
         require_library("filterpy", 'engine = "filterpy" of [estimate]')
         from bcid.estimate import reference
 
-        run_filter, run_smoother = reference.run_filter, reference.run_smoother
+        run_forward, run_backward = reference.run_forward, reference.run_backward
     while True:
         restarted = replace(recording, breaks_s=tuple(sorted({*recording.breaks_s, *restarts})))
         timeline = build_timeline(restarted, vehicle, period_s, max_gap_s, tuning.T_s, tuning.d)
@@ -59,7 +60,7 @@ def _filter_and_smooth(
             cause = "poses and commands together cover no two grid rows"
             step = "record a longer take, or check the time stamps"
             raise InputRefused(recording.sources[0].path, "time", cause, step)
-        filtered = run_filter(timeline.events, chassis, tuning.noise.Q(), tuning.noise.R())
+        filtered = run_forward(timeline.events, timeline.grid, chassis, Q, R)
         # an innovation's variance is positive, or the filter is lost
         lost = np.flatnonzero(~(filtered.nis >= 0.0))
         if not len(lost):
@@ -69,8 +70,7 @@ def _filter_and_smooth(
             cause = f"the velocity estimate loses the car {len(restarts)} times, first there"
             step = "check units and axes of the poses, or leave [estimate.noise] out so that the noise is identified"
             raise InputRefused(recording.sources[0].path, f"{restarts[0]:.3f} s", cause, step)
-    x, P = run_smoother(filtered, timeline.events.restart)
-    x, P = np.ascontiguousarray(x[timeline.grid]), np.ascontiguousarray(P[timeline.grid])
+    x, P = run_backward(filtered, timeline.grid)
     return _SmoothedPass(timeline, chassis, filtered, x, P, tuple(restarts))
 
 
@@ -131,7 +131,7 @@ def check_against_truth(
     if not rows.any():
         cause = "no row of the truth stands at a grid time"
         raise InputRefused(recording.sources[0].path, "truth", cause, "use a period_s of 0.1 s")
-    x_f, P_f = (np.ascontiguousarray(moments[timeline.grid]) for moments in (filtered.x, filtered.P))
+    x_f, P_f = filtered.x, filtered.P
     twist, kinematic = twists(x, chassis)[rows], kinematic_states(x)[rows]
     return TruthCheck(
         name=recording.name,

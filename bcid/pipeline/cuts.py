@@ -11,14 +11,13 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from bcid.aliases import Bools, Floats
 from bcid.errors import InputRefused
 from bcid.recording.assemble import assemble_recording
-from bcid.recording.formats.raw import RawTake
+from bcid.recording.formats.raw import RawTake, TimeCut
 from bcid.recording.read import read_raw_take
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
@@ -27,13 +26,6 @@ COMMAND_MARGIN_S = 0.2
 """Time before and after a cut for which commands are kept: they act late, and their clock may be off by as much."""
 _NUMBER = r"(?:\d+\.?\d*|\.\d+)?"
 _CUT = re.compile(rf"(?P<file>.+)\[(?P<begin>{_NUMBER}):(?P<end>{_NUMBER})\]", re.DOTALL)
-
-
-class TimeCut(NamedTuple):
-    """A part of a take: from `begin_s` to `end_s` after its first pose."""
-
-    begin_s: float
-    end_s: float  # infinite where the take goes on to its end
 
 
 def split_cut(recording: Path) -> tuple[Path, TimeCut | None]:
@@ -76,7 +68,7 @@ def read_cut_recording(
     Raises:
         InputRefused: it cannot be read or used, or the cut lies outside it.
     """
-    raw = read_raw_take(path, vehicle, commands, allow_partial)
+    raw = read_raw_take(path, vehicle, commands, allow_partial, cut)
     return assemble_recording(raw if cut is None else cut_raw_take(raw, cut), vehicle)
 
 
@@ -87,7 +79,7 @@ def cut_raw_take(raw: RawTake, cut: TimeCut) -> RawTake:
         InputRefused: no pose lies within it.
     """
     known = raw.pose_time_s[np.isfinite(raw.pose_time_s)]
-    zero = float(known[0]) if len(known) else 0.0
+    zero = (float(known[0]) if len(known) else 0.0) if raw.first_pose_s is None else raw.first_pose_s
     begin, end = zero + cut.begin_s, zero + cut.end_s
     poses = (raw.pose_time_s >= begin) & (raw.pose_time_s <= end)
     if not poses.any():

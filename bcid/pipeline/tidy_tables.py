@@ -20,10 +20,15 @@ ENDINGS = (".csv", ".parquet")
 OTHER_TABLE = "name another file with --table"
 
 
+def names_folder(path: Path) -> bool:
+    """Whether `path` names a folder of tables in parts: one that is there, or a name without ending."""
+    return path.is_dir() or not path.suffix
+
+
 def check_table_name(path: Path) -> None:
-    """Raise `UsageError` unless the ending of `path` says which kind of table it is to be."""
-    if path.suffix.lower() not in ENDINGS:
-        raise UsageError(f"--table {path}: what kind of table is that?\n  next: name a .csv or a .parquet")
+    """Raise `UsageError` unless `path` is a folder's, or its ending says which kind of table it is to be."""
+    if path.suffix.lower() not in ENDINGS and not names_folder(path):
+        raise UsageError(f"--table {path}: what kind of table is that?\n  next: name a .csv, a .parquet or a folder")
 
 
 def write_tidy_tables(path: Path, recordings: Mapping[str, Recording], may_replace: MayReplace) -> list[Path]:

@@ -8,7 +8,7 @@ from bcid.errors import BcidError, InputRefused
 from bcid.recording.assemble import assemble_recording
 from bcid.recording.formats.detect import detect_format, find_commands_file
 from bcid.recording.formats.names import describe_error
-from bcid.recording.formats.raw import RawTake
+from bcid.recording.formats.raw import RawTake, TimeCut
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
@@ -33,27 +33,33 @@ def refuse_unforeseen(path: Path) -> Iterator[None]:
         raise UnforeseenContent(path, "file", cause, step) from error
 
 
-def read_raw_take(path: Path, vehicle: Vehicle, commands: Path | None = None, allow_partial: bool = False) -> RawTake:
+def read_raw_take(
+    path: Path, vehicle: Vehicle, commands: Path | None = None, allow_partial: bool = False,
+    cut: TimeCut | None = None,
+) -> RawTake:  # fmt: skip
     """The unchecked poses, commands and channels, in SI units, of a recording of any format; refused if unreadable.
 
-    `allow_partial` leaves out what cannot be read of a damaged MCAP file.
+    `allow_partial` leaves out what cannot be read of a damaged MCAP file.  Where a `cut` is given, what lies outside
+    of it may be left out, too; `RawTake.first_pose_s` then says when the whole take begins.
     """
     with refuse_unforeseen(path):
-        return _read_by_format(path, vehicle, commands, allow_partial)
+        return _read_by_format(path, vehicle, commands, allow_partial, cut)
 
 
-def _read_by_format(path: Path, vehicle: Vehicle, commands: Path | None, allow_partial: bool) -> RawTake:
+def _read_by_format(
+    path: Path, vehicle: Vehicle, commands: Path | None, allow_partial: bool, cut: TimeCut | None
+) -> RawTake:  # fmt: skip
     """What the reader of a file's format, detected by its content, reads of it."""
     kind = detect_format(path)
     if kind == "mcap":
         from bcid.recording.formats.mcap import read_mcap
 
-        return read_mcap(path, vehicle, allow_partial)
+        return read_mcap(path, vehicle, allow_partial, cut)
     beside = find_commands_file(path, commands)
     if kind == "motive" and beside is not None:
         from bcid.recording.formats.motive import read_motive
 
-        return read_motive(path, vehicle, beside)
+        return read_motive(path, vehicle, beside, cut)
     from bcid.recording.formats.tables import read_table
 
     return read_table(path, vehicle, beside)

@@ -6,17 +6,24 @@ between two separators.  The cells are read by the same parser of pandas as thos
 """
 
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from bcid.aliases import Bools
+from bcid.errors import InputRefused
+from bcid.recording.formats.limits import TABLE as LIMITS
+
 NEWLINE, RETURN = ord("\n"), ord("\r")
 NUMBER_SIGNS = "0123456789+-eE "
 PROOF_BYTES, PARSED_BYTES = 1 << 18, 1 << 22  # that are held at a time
 MAX_HEAD_BYTES = 1 << 23  # in which a table's first lines are looked for
+
+KeepRows = Callable[[pd.DataFrame], Bools]
+"""Which rows (N,) of a block of a table are kept."""
 
 
 class PlainRows(NamedTuple):
@@ -60,42 +67,58 @@ class PlainRows(NamedTuple):
             while block := file.read(size):
                 yield block if block.endswith(b"\n") else block + file.readline()
 
-    def parse(self, columns: list[int], **options: Any) -> pd.DataFrame | None:
+    def parse(self, columns: list[int], keep: KeepRows | None = None, **options: Any) -> pd.DataFrame | None:
         """The cells of these columns as a table with their indices as names; None where a cell is no plain number.
 
-        Whole numbers stay whole where all of a column's are.  `options` are those of `pandas.read_csv`, but for the
-        separator, the decimal mark, names and rows to skip.
+        Whole numbers stay whole where all of a column's are.  Where `keep` is given, only the rows that it keeps are
+        held, and the table's index is their numbers.  `options` are those of `pandas.read_csv`, but for the separator,
+        the decimal mark, names and rows to skip.
+
+        Raises:
+            InputRefused: there are more rows than `LIMITS.max_rows`.
         """
         try:
-            parts = self._parse_blocks(columns, {}, options)
+            parts, rows = self._parse_blocks(columns, {}, keep, options)
             # whole numbers in one block, others in the next: as one column they are read in one way
             kinds = {c: {a.dtype.kind for a in arrays} for c, arrays in parts.items()}
             mixed: dict[int, type] = {c: float for c in columns if len(kinds[c]) > 1}
             if mixed:
-                parts = self._parse_blocks(columns, mixed, options)
+                parts, rows = self._parse_blocks(columns, mixed, keep, options)
         except (ValueError, pd.errors.ParserWarning):
             return None
         if any(a.dtype.kind not in "if" for arrays in parts.values() for a in arrays):
             return None
-        return pd.DataFrame({c: np.concatenate(parts.pop(c)) for c in columns}, copy=False)
+        index = None if keep is None else np.concatenate(rows)
+        return pd.DataFrame({c: np.concatenate(parts.pop(c)) for c in columns}, index, copy=False)
 
     def _parse_blocks(
-        self, columns: list[int], kinds: dict[int, type], options: dict[str, Any]
-    ) -> dict[int, list[np.ndarray]]:
-        """The numbers of each block by column; of the kind that pandas infers, or that `kinds` asks for.
+        self, columns: list[int], kinds: dict[int, type], keep: KeepRows | None, options: dict[str, Any]
+    ) -> tuple[dict[int, list[np.ndarray]], list[np.ndarray]]:
+        """The numbers of each block by column, of the kind that pandas infers or that `kinds` asks for; and its rows.
 
         Raises:
             ValueError: a cell of a column of `kinds` is no number.
+            InputRefused: there are more rows than `LIMITS.max_rows`.
         """
         parts: dict[int, list[np.ndarray]] = {c: [] for c in columns}
+        rows, first, held = list[np.ndarray](), 0, 0
         for block in self._blocks(PARSED_BYTES):
             table = pd.read_csv(
                 io.BytesIO(block), sep=self.separator, decimal=self.decimal, index_col=False, low_memory=False,
                 header=None, names=list(range(self.cells)), usecols=columns, dtype=kinds, **options,
             )  # fmt: skip
+            kept = slice(None) if keep is None else keep(table)
+            numbers = np.arange(first, first + len(table))[kept]
+            first, held = first + len(table), held + len(numbers)
+            if held > LIMITS.max_rows:
+                cause = f"has more rows than {LIMITS.max_rows}, the most that are held at once"
+                step = f"cut it into takes, or read a part of a Motive export: {self.path.name}[0:3600]"
+                raise InputRefused(self.path, "rows", cause, step)
+            if keep is not None:
+                rows.append(numbers)
             for column, arrays in parts.items():
-                arrays.append(table[column].to_numpy())
-        return parts
+                arrays.append(table[column].to_numpy()[kept])
+        return parts, rows
 
 
 def read_first_lines(path: Path, count: int) -> bytes | None:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from bcid.errors import InputRefused, Problem, Problems
+from bcid.recording.formats.csv_plain import KeepRows
 from bcid.recording.formats.csv_text import CsvText, read_whole_text
 from bcid.recording.formats.stamps import find_pair
 from bcid.recording.formats.table_head import find_table_head
@@ -26,12 +27,16 @@ class CsvColumns(NamedTuple):
     irregularities: tuple[Irregularity, ...]
 
 
-def parse_rows(file: CsvText, width: int, skiprows: int, columns: Sequence[int], **options: Any) -> pd.DataFrame:
+def parse_rows(
+    file: CsvText, width: int, skiprows: int, columns: Sequence[int], keep: KeepRows | None = None, **options: Any
+) -> pd.DataFrame:  # fmt: skip
     """The rows of a CSV text below its first `skiprows` lines as a table with the columns 0, 1, ... `width` - 1.
 
-    Of rows of plain numbers only the wanted `columns` are there.  `options` are those of `pandas.read_csv`.
+    Of rows of plain numbers only the wanted `columns` are there, and only the rows that `keep` keeps, where it is
+    given.  `options` are those of `pandas.read_csv`.
 
     Raises:
+        InputRefused: there are more rows than are held at once.
         pandas.errors.ParserError or ParserWarning: a row has more than `width` cells.
     """
     with warnings.catch_warnings():
@@ -39,7 +44,7 @@ def parse_rows(file: CsvText, width: int, skiprows: int, columns: Sequence[int],
         if file.rows is not None:
             plain = file.rows
             fits = plain.line == skiprows and plain.cells == width
-            table = plain.parse(sorted(set(columns)), **options) if fits and columns else None
+            table = plain.parse(sorted(set(columns)), keep, **options) if fits and columns else None
             if table is not None:
                 return table
             file = read_whole_text(file.path, options.get("comment"))

@@ -86,7 +86,7 @@ def _read_plain_text(path: Path, comment: str | None) -> CsvText | None:
     as if it were looked at as a whole.
     """
     head = read_first_lines(path, SAMPLE_LINES)
-    if head is None or path.stat().st_size > LIMITS.max_bytes or b"\0" in head:
+    if head is None or b"\0" in head:
         return None
     if head.startswith(UTF_16_MARKS) or head.count(b"\r") != head.count(b"\r\n"):
         return None

@@ -8,10 +8,11 @@ from bcid.errors import InputRefused, Problems
 from bcid.recording.formats.detect import recording_files
 from bcid.recording.formats.mcap_commands import command_topics, merge_commands, read_command_track
 from bcid.recording.formats.mcap_contents import CHANNELS_PER_FILE, McapContents, read_contents
+from bcid.recording.formats.mcap_part import LoggedPart, TooManyMessages
 from bcid.recording.formats.mcap_poses import read_pose_track
 from bcid.recording.formats.mcap_times import common_times
 from bcid.recording.formats.names import SHOWN_NAMES, printable_name
-from bcid.recording.formats.raw import RawTake, identify_file, nearest_hint
+from bcid.recording.formats.raw import RawTake, TimeCut, identify_file, nearest_hint
 from bcid.recording.formats.transforms import STATIC_TOPIC
 from bcid.recording.types import Irregularity
 from bcid.vehicle import Vehicle
@@ -53,10 +54,11 @@ def _find_several_publishers(contents: McapContents, topics: Iterable[str]) -> l
     return warnings
 
 
-def read_mcap(path: Path, vehicle: Vehicle, allow_partial: bool = False) -> RawTake:
+def read_mcap(path: Path, vehicle: Vehicle, allow_partial: bool = False, cut: TimeCut | None = None) -> RawTake:
     """The unchecked pose and command streams of an MCAP file or a split bag's folder, by the vehicle file's topics.
 
-    With `allow_partial`, parts that cannot be read are left out and noted.
+    With `allow_partial`, parts that cannot be read are left out and noted.  Where a `cut` is given and the file holds
+    more messages than are held at once, those far outside of it are left out.
 
     Raises:
         InputRefused: the file cannot be used, with the problems of all topics.
@@ -66,9 +68,17 @@ def read_mcap(path: Path, vehicle: Vehicle, allow_partial: bool = False) -> RawT
     if topics is None:
         raise InputRefused(path, "vehicle file", "has no [topics]", "name the pose and command topics there")
     wanted, problems, commands = (topics.pose, *command_topics(topics)), Problems(), []
-    contents = read_contents(path, (*wanted, STATIC_TOPIC), allow_partial)
+    try:
+        contents = read_contents(path, (*wanted, STATIC_TOPIC), allow_partial)
+    except TooManyMessages:
+        if cut is None:
+            raise
+        part = LoggedPart(cut, vehicle.command.max_hold_s)
+        contents = read_contents(path, (*wanted, STATIC_TOPIC), allow_partial, topics.pose, part)
     with problems.gather_refusals():
         pose = read_pose_track(contents, _topic_schema_name(contents, topics.pose), vehicle, topics)
+        if contents.part is not None:
+            contents.part.check_first_pose(pose.log_ns, path)
     for topic in command_topics(topics):
         with problems.gather_refusals():
             commands.append(read_command_track(contents, topic, _topic_schema_name(contents, topic), topics, vehicle))

@@ -46,7 +46,9 @@ def read_command_track(
         InputRefused: the type is no known command and its fields are not mapped, or holds what reads as another.
     """
     part, place = command_topics(topics)[topic], f"topic {printable_name(topic)}"
-    first = next(m for _, m in contents.read_messages(topic, lambda m: m))
+    first = next((m for _, m in contents.read_messages(topic, lambda m: m)), None)
+    if first is None:
+        raise InputRefused(contents.path, place, "has no message in this part", "choose another part of the take")
     fields = _choose_fields(contents, topic, schema, first, topics)
     missing = [n for n in raw_field_names(fields.values()) if get_field(first, n, None) is None]
     if missing:

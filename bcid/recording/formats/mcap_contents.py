@@ -8,12 +8,13 @@ from typing import Any, TypeVar
 import numpy as np
 from mcap import records as kinds
 
-from bcid.aliases import Ints
+from bcid.aliases import Bools, Ints
 from bcid.errors import InputRefused
 from bcid.recording.formats.detect import recording_files
 from bcid.recording.formats.fixed_layout import FixedLayout
 from bcid.recording.formats.limits import MCAP, MESSAGE
 from bcid.recording.formats.mcap_chunks import DamagedRecord, MessageBatch
+from bcid.recording.formats.mcap_part import LoggedPart, TooManyMessages
 from bcid.recording.formats.mcap_records import McapEntry, iterate_entries
 from bcid.recording.formats.message_decoding import fixed_layout, message_decoder
 from bcid.recording.formats.message_fields import MissingField, NotANumber
@@ -21,6 +22,7 @@ from bcid.recording.formats.message_stamps import UnreadableStamp
 from bcid.recording.formats.message_store import MessageStore, StoredMessages
 from bcid.recording.formats.names import describe_error, printable_name
 from bcid.recording.formats.rosbag import describe_odd_parts, unread_parts
+from bcid.recording.formats.transforms import STATIC_TOPIC
 from bcid.recording.types import Irregularity
 
 RECORD_AGAIN = "record again, or keep what is whole with --allow-partial"
@@ -38,6 +40,8 @@ class McapContents:
     topics: Collection[str]  # that are wanted
     allow_partial: bool  # whether parts may be lost
     file_bytes: int  # of all parts
+    pose_topic: str = ""
+    part: LoggedPart | None = None  # which messages are kept; None for all
     schemas: dict[int, kinds.Schema] = field(default_factory=dict)
     channels: dict[int, kinds.Channel] = field(default_factory=dict)
     counts: dict[int, int] = field(default_factory=dict)  # messages found, by channel
@@ -152,23 +156,28 @@ class McapContents:
         return [*odd, *self.lost]
 
 
-def read_contents(path: Path, topics: Collection[str], allow_partial: bool) -> McapContents:
+def read_contents(
+    path: Path, topics: Collection[str], allow_partial: bool, pose_topic: str = "", part: LoggedPart | None = None
+) -> McapContents:  # fmt: skip
     """The messages on the wanted topics of an MCAP file or of a split bag's folder, with their channels and schemas.
 
-    With `allow_partial`, parts that cannot be read are left out and noted as lost.
+    With `allow_partial`, parts that cannot be read are left out and noted as lost.  Where a `part` is given, all of the
+    file is verified and only messages of that part are held; it begins with the first message on the `pose_topic`.
 
     Raises:
         InputRefused: a checksum does not match or the file is cut, with the byte, where no part may be lost.
+        TooManyMessages: there are more than are held at once.
     """
-    parts = recording_files(path)
-    contents = McapContents(path, topics, allow_partial, sum(part.stat().st_size for part in parts))
-    for part, cause, step in unread_parts(path):
+    files = recording_files(path)
+    size = sum(file.stat().st_size for file in files)
+    contents = McapContents(path, topics, allow_partial, size, pose_topic, part)
+    for file, cause, step in unread_parts(path):
         if not allow_partial:
-            raise InputRefused(part, "file", cause, step)
-        text = f"{printable_name(part.name)} {cause}"
-        contents.lost.append(Irregularity("lost", "excluded", 1, printable_name(part.name), text))
-    for i, part in enumerate(parts):
-        _read_part(contents, part, i * CHANNELS_PER_FILE)
+            raise InputRefused(file, "file", cause, step)
+        text = f"{printable_name(file.name)} {cause}"
+        contents.lost.append(Irregularity("lost", "excluded", 1, printable_name(file.name), text))
+    for i, file in enumerate(files):
+        _read_part(contents, file, i * CHANNELS_PER_FILE)
     return contents
 
 
@@ -246,7 +255,7 @@ def _add_record(contents: McapContents, entry: McapEntry, shift: int) -> None:
         contents.counts[number] = contents.counts.get(number, 0) + 1
         contents.unverified += not entry.checksummed
         contents.last_ns = record.log_time
-        if _may_be_wanted(contents, number):
+        if _may_be_wanted(contents, number) and _of_part(contents, np.array([number]), np.array([record.log_time]))[0]:
             contents.messages.add(number, record.log_time, record.data)
             _check_size(contents)
     elif isinstance(record, MessageBatch):
@@ -257,6 +266,7 @@ def _add_record(contents: McapContents, entry: McapEntry, shift: int) -> None:
         contents.last_ns = int(record.log_ns[-1])
         wanted = [number for number in np.unique(numbers).tolist() if _may_be_wanted(contents, number)]
         rows = np.flatnonzero(np.isin(numbers, wanted))
+        rows = rows[_of_part(contents, numbers[rows], record.log_ns[rows])]
         contents.messages.add_all(numbers[rows], record.log_ns[rows], record.contents(rows))
         _check_size(contents)
 
@@ -267,9 +277,25 @@ def _may_be_wanted(contents: McapContents, number: int) -> bool:
     return known is None or known.topic in contents.topics
 
 
+def _of_part(contents: McapContents, numbers: Ints, log_ns: Ints) -> Bools:
+    """Mask (N,) of the messages of these channels and log times (ns) that are held: all where no part is asked for.
+
+    Static transforms hold throughout, whenever they were sent.
+    """
+    if contents.part is None:
+        return np.ones(len(numbers), dtype=bool)
+    topics = {n: c.topic if (c := contents.channels.get(n)) else "" for n in np.unique(numbers).tolist()}
+    is_pose, is_static = (
+        np.isin(numbers, [n for n, topic in topics.items() if topic == wanted])
+        for wanted in (contents.pose_topic, STATIC_TOPIC)
+    )
+    return np.asarray(contents.part.keep(log_ns, is_pose) | is_static)
+
+
 def _check_size(contents: McapContents) -> None:
-    """Raise `InputRefused` where more is held of the wanted topics than of any recording of that size."""
+    """Raise `TooManyMessages` where more is held of the wanted topics than of any recording of that size."""
     most = min(MCAP.max_content_bytes, max(MCAP.free_content_bytes, MCAP.max_content_factor * contents.file_bytes))
     if len(contents.messages) > MCAP.max_messages or contents.messages.content_bytes > most:
         cause = f"hold more than {MCAP.max_messages} messages, or than {most} bytes, the most of such a file"
-        raise InputRefused(contents.path, "topics", cause, "cut the recording into takes")
+        step = f"read it in parts, such as {contents.path.name}[0:3600], or cut the recording into takes"
+        raise TooManyMessages(contents.path, "topics", cause, step)

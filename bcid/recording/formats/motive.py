@@ -1,5 +1,6 @@
 """OptiTrack Motive's CSV export, format versions 1.22 to 1.25."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,18 +19,39 @@ from bcid.recording.formats.limits import TABLE as LIMITS
 from bcid.recording.formats.motive_header import MotiveHeader
 from bcid.recording.formats.names import printable_name
 from bcid.recording.formats.numbers import parse_numbers
-from bcid.recording.formats.raw import RawTake, identify_file
+from bcid.recording.formats.raw import RawTake, TimeCut, identify_file
 from bcid.recording.types import Irregularity, SourceFile
 from bcid.vehicle import Vehicle
 
+EDGE_S = 1.0  # before and after a part of a take, within which poses are read with it
 
-def _parse_frames(file: CsvText, header: MotiveHeader, columns: list[int]) -> pd.DataFrame:
+
+class _FramesWithin:
+    """Which frames lie within a part of a take, as far as their numbers tell; `first` is the take's first frame."""
+
+    def __init__(self, cut: TimeCut, rate_hz: float) -> None:
+        """The frames within `cut`, and EDGE_S before and after it, of an export at `rate_hz` (Hz)."""
+        self.cut, self.rate_hz, self.first = cut, rate_hz, math.nan
+
+    def __call__(self, block: pd.DataFrame) -> Bools:
+        """Mask (N,) of the rows of the table's next block that are kept: those without a number, too."""
+        frame = block[0].to_numpy()
+        known = frame[np.isfinite(frame)]
+        if math.isnan(self.first) and len(known):
+            self.first = float(known[0])
+        since_s = (frame - self.first) / self.rate_hz
+        return np.asarray(~((since_s < self.cut.begin_s - EDGE_S) | (since_s > self.cut.end_s + EDGE_S)))
+
+
+def _parse_frames(
+    file: CsvText, header: MotiveHeader, columns: list[int], within: _FramesWithin | None = None
+) -> pd.DataFrame:  # fmt: skip
     """The rows of a Motive export below its header, a frame each, as a table with columns 0, 1, ...; no blank rows.
 
-    Of a table of plain numbers only the wanted `columns` are there.
+    Of a table of plain numbers only the wanted `columns` are there, and only the frames `within` a part of it.
     """
     try:
-        table = parse_rows(file, len(header.axes), header.table_row + 1, columns, skip_blank_lines=False)
+        table = parse_rows(file, len(header.axes), header.table_row + 1, columns, within, skip_blank_lines=False)
         if file.rows is not None and table[0].isna().any():
             # whether a row without frame number is blank is seen by all of its cells
             whole = read_whole_text(file.path)
@@ -53,22 +75,23 @@ def _numeric_cells(table: pd.DataFrame, columns: list[int], header: MotiveHeader
     return np.column_stack([p.values for p in parsed])
 
 
-def _frame_times(frames: Floats, stated_s: Floats, rate: float, path: Path, header: MotiveHeader) -> Floats:
-    """Times (N,) in s of frame numbers (N,): frame / rate, since the Time column `stated_s` (N,) is rounded.
+def _frame_times(table: pd.DataFrame, clock: int, rate: float, path: Path, header: MotiveHeader) -> Floats:
+    """Times (N,) in s of a table's frames: number / rate, since the Time column, that of index `clock`, is rounded.
 
     Raises:
         InputRefused: a row has no frame number, or its stated time differs by more than LIMITS.max_time_error_*.
     """
+    frames, stated_s = _numeric_cells(table, [0, clock], header, path).T
     if not np.isfinite(frames).all():
-        row = int(np.argmin(np.isfinite(frames)))
+        row = int(table.index[int(np.argmin(np.isfinite(frames)))])
         raise InputRefused(path, f"line {header.table_row + 2 + row}", "has no frame number", "export the take again")
-    time_s = frames / rate
+    time_s: Floats = frames / rate
     apart = np.abs(time_s - stated_s)
     k = int(np.nanargmax(apart)) if np.isfinite(apart).any() else 0
     if apart[k] > max(LIMITS.max_time_error_periods / rate, LIMITS.max_time_error_s):
         cause = f"Time is {stated_s[k]:g} s where frame {frames[k]:g} at {rate:g} Hz is {time_s[k]:g} s"
         step = "check the Export Frame Rate, or export the take again"
-        raise InputRefused(path, f"line {header.table_row + 2 + k}", cause, step)
+        raise InputRefused(path, f"line {header.table_row + 2 + int(table.index[k])}", cause, step)
     return time_s
 
 
@@ -129,8 +152,11 @@ def _read_rotations(header: MotiveHeader, rotations: Floats, path: Path) -> tupl
     return attitude.quaternions_of_euler(rotations, order), odd
 
 
-def _read_poses(file: CsvText, source: SourceFile, vehicle: Vehicle) -> RawTake:
-    """The vehicle's poses (N, 3) in the text of a Motive CSV export, as `read_motive_poses` has them."""
+def _read_poses(file: CsvText, source: SourceFile, vehicle: Vehicle, cut: TimeCut | None = None) -> RawTake:
+    """The vehicle's poses (N, 3) in the text of a Motive CSV export, as `read_motive_poses` has them.
+
+    Where a `cut` is given, only poses within it need be there, if there are any.
+    """
     path = file.path
     header, problems = motive_header.read_motive_header(file), Problems()
     if header.keys.get("Coordinate Space", "Global") != "Global":
@@ -150,15 +176,20 @@ def _read_poses(file: CsvText, source: SourceFile, vehicle: Vehicle) -> RawTake:
     problems.raise_if_any(path)
     places, turns = [position[a] for a in "XYZ"], [rotation[a] for a in "XYZW" if a in rotation]
     errors = _marker_error_columns(header, body)
-    table = _parse_frames(file, header, [0, *clock[:1], *places, *turns, *errors])
+    wanted = [0, *clock[:1], *places, *turns, *errors]
+    within = None if cut is None or file.rows is None else _FramesWithin(cut, rate)
+    table = _parse_frames(file, header, wanted, within)
+    if table.empty and within is not None:
+        # whoever cuts the take says that there is nothing, and how long it is
+        within, table = None, _parse_frames(file, header, wanted)
     if table.empty:
         raise InputRefused(path, f"line {header.table_row + 2}", "no frame follows the header", "export the take again")
-    frames, stated = _numeric_cells(table, [0, *clock[:1]], header, path).T
-    time_s = _frame_times(frames, stated, rate, path, header)
+    time_s = _frame_times(table, clock[0], rate, path, header)
     world = scale * _numeric_cells(table, places, header, path)
     quaternions, odd_turns = _read_rotations(header, _numeric_cells(table, turns, header, path), path)
     error = scale * _numeric_cells(table, errors, header, path)[:, 0] if errors else np.full(len(table), np.nan)
-    missing = _find_missing_frames(header, len(table), path)
+    # what is missing elsewhere is nothing to a part
+    missing = _find_missing_frames(header, len(table), path) if within is None else []
     # large, and no longer needed
     del table
     pose, odd_poses = poses_in_space(world, quaternions, vehicle.mocap.up_axis, time_s, path)
@@ -171,7 +202,10 @@ def _read_poses(file: CsvText, source: SourceFile, vehicle: Vehicle) -> RawTake:
     if poor.any():
         text = "the mean marker error is far above the usual, or exactly zero: not measured"
         odd.append(Irregularity("marker error", "excluded", int(poor.sum()), path.name, text))
-    return RawTake(path.stem, (source,), time_s, pose, np.empty(0), np.empty((0, 2)), rate, {}, tuple(odd))
+    first_s = None if within is None else within.first / rate
+    return RawTake(
+        path.stem, (source,), time_s, pose, np.empty(0), np.empty((0, 2)), rate, {}, tuple(odd), first_pose_s=first_s
+    )  # fmt: skip
 
 
 def read_motive_poses(path: Path, vehicle: Vehicle) -> RawTake:
@@ -186,13 +220,16 @@ def read_motive_poses(path: Path, vehicle: Vehicle) -> RawTake:
     return _read_poses(read_csv_text(path), source, vehicle)
 
 
-def read_motive(path: Path, vehicle: Vehicle, commands: Path) -> RawTake:
-    """The unchecked poses of a Motive CSV export with the commands of its commands file; refused if either is bad."""
+def read_motive(path: Path, vehicle: Vehicle, commands: Path, cut: TimeCut | None = None) -> RawTake:
+    """The unchecked poses of a Motive CSV export with the commands of its commands file; refused if either is bad.
+
+    Where a `cut` is given, poses far outside of it are left out.
+    """
     problems, text = Problems(), None
     with problems.gather_refusals():
         source = identify_file(path, "motive-csv")
         text = read_csv_text(path)
-        poses = _read_poses(text, source, vehicle)
+        poses = _read_poses(text, source, vehicle, cut)
     with problems.gather_refusals():
         start = TakeStart(motive_header.capture_start_time(text or read_csv_text(path)), None, vehicle.clock.offset_s)
         file = read_commands_file(commands, vehicle.commands, start)

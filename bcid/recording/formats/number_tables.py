@@ -21,6 +21,7 @@ from bcid.recording.formats.message_stamps import (
 )
 from bcid.recording.formats.message_store import StoredMessages
 
+BLOCK_MESSAGES = 1 << 14  # that are read at a time, as arrays of all would need several times their memory
 MAX_LAYOUTS = 4  # that are tried: bodies, or senders, which share a topic
 MAX_SECONDS = 9_000_000_000  # whose nanoseconds fit into 64 bits
 
@@ -43,12 +44,12 @@ class NumberTable:
         """Add rows (N, width), logged at `log_ns`."""
         self.log_ns += log_ns
         self.stamps += stamps
-        self._numbers.frombytes(np.ascontiguousarray(rows, dtype=float).tobytes())
+        self._numbers.frombytes(np.ascontiguousarray(rows, dtype=float).data.cast("B"))
 
     @property
     def rows(self) -> Floats:
-        """The numbers (N, width)."""
-        return np.array(self._numbers, dtype=float).reshape(len(self.log_ns), self.width)
+        """The numbers (N, width), which stay where they are: no row can be added while they are in use."""
+        return np.frombuffer(self._numbers, dtype=float).reshape(len(self.log_ns), self.width)
 
     @property
     def logged_s(self) -> Floats:
@@ -105,22 +106,27 @@ def read_number_tables(
         if layout is None or places is None:
             continue
         # another channel of the topic may have another schema
-        mine = stored.channels[left] == stored.channels[like]
-        alike = np.zeros(len(left), dtype=bool)
-        alike[mine], values, of_rows = _read_alike(layout, places, stored.select(left[mine]))
-        rows[left[alike]], stamps[left[alike]] = values, of_rows
-        body[left[alike]] = bodies.setdefault(places.body, len(bodies))
-        left = left[~alike]
+        mine = left[stored.channels[left] == stored.channels[like]]
+        number, read_ones = bodies.setdefault(places.body, len(bodies)), np.zeros(len(stored.begins), dtype=bool)
+        for block in np.split(mine, np.arange(BLOCK_MESSAGES, len(mine), BLOCK_MESSAGES)):
+            alike, values, of_rows = _read_alike(layout, places, stored.select(block))
+            own = block[alike]
+            rows[own], stamps[own], body[own], read_ones[own] = values, of_rows, number, True
+        left = left[~read_ones[left]]
     for row, (name, stamp, numbers) in contents.read_rows(topic, stored, left, read):
         rows[row], stamps[row] = numbers, stamp
         body[row] = bodies.setdefault(name, len(bodies))
+    # large, and no longer needed
+    log_ns = stored.log_ns
+    del stored, left
     tables = dict[str, NumberTable]()
     # bodies by their first messages
     for name, number in sorted(bodies.items(), key=lambda item: int(np.argmax(body == item[1]))):
         own = np.flatnonzero(body == number)
         if len(own):
             tables[name] = NumberTable(len(fields.names))
-            tables[name].add_all(stored.log_ns[own].tolist(), stamps[own].tolist(), rows[own])
+            own_rows = rows if len(own) == len(rows) else rows[own]
+            tables[name].add_all(log_ns[own].tolist(), stamps[own].tolist(), own_rows)
     return tables
 
 

@@ -5,6 +5,7 @@ import hashlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,14 @@ class RawTake:
     irregularities: tuple[Irregularity, ...] = ()
     splits_s: tuple[float, ...] = ()  # pose times at which a new segment begins, whatever the poses show
     several_command_publishers: bool = False  # by the file's own channels
+    first_pose_s: float | None = None  # of the whole take, where only a part of it was read
+
+
+class TimeCut(NamedTuple):
+    """A part of a take: from `begin_s` to `end_s` after its first pose."""
+
+    begin_s: float
+    end_s: float  # infinite where the take goes on to its end
 
 
 def identify_file(path: Path, format_name: str) -> SourceFile:
