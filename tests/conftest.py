@@ -105,7 +105,9 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     folder = tmp_path_factory.mktemp("dask")
     dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", address, "--no-dashboard"]
     workers = ["-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--nworkers", "2", "--no-dashboard"]
-    path = os.pathsep.join([str(Path(__file__).parent), *os.environ.get("PYTHONPATH", "").split(os.pathsep)])
+    # jobs of tests are found by the names of their modules, which are those of files seen from the repository
+    homes = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
+    path = os.pathsep.join([*homes, *os.environ.get("PYTHONPATH", "").split(os.pathsep)])
     with (folder / "log").open("w", encoding="utf-8") as log:
         begun = [
             subprocess.Popen(command, cwd=folder, stdout=log, stderr=log, env=os.environ | {"PYTHONPATH": path})

@@ -215,8 +215,8 @@ def test_in_python_a_diagnosis_ends_with_the_model_that_has_the_effect(
     seen = []
 
     def diagnosed(work: Pipeline, simulation: str | None) -> SimpleNamespace:
-        assert work._own_effects is not None
-        seen.append(work._own_effects.sha256)
+        assert work.runner.own_effects is not None
+        seen.append(work.runner.own_effects.sha256)
         return SimpleNamespace(folder=home)
 
     monkeypatch.setattr(Pipeline, "diagnose", diagnosed)
