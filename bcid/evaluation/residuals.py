@@ -32,11 +32,11 @@ from bcid.evaluation.limits import LIMITS
 from bcid.evaluation.process_noise import PredictionStart, list_prediction_starts
 from bcid.files.json import read_json, write_json
 from bcid.models.interface import History, Model, history_at
-from bcid.models.newton_euler.linear import NewtonEulerLinear
-from bcid.models.newton_euler.model import NewtonEuler
 
 FILE_NAME = "residuals.json"
 HORIZON_S = 1.0
+# By name, so that the key of another model's fit does not hang on the code of cars.
+CARS = ("newton-euler", "newton-euler-linear")
 
 
 class ResidualsDocument(Document):
@@ -65,8 +65,7 @@ def measure_residuals(model: Model, estimates: Sequence[Estimate]) -> ResidualsD
     of the start make; other models start from slip angles, or from many rows, and have no ratio.
     """
     steps = max(1, round(HORIZON_S / model.period_s))
-    is_car = isinstance(model, NewtonEuler | NewtonEulerLinear)
-    starts = list_prediction_starts(estimates, steps, steps, model.lags) if is_car else []
+    starts = list_prediction_starts(estimates, steps, steps, model.lags) if model.name in CARS else []
     ratio = _residual_ratio(model, starts, steps) if starts else math.nan
     return ResidualsDocument(horizon_s=steps * model.period_s, predictions=len(starts), ratio=ratio)
 
