@@ -55,6 +55,8 @@ def run(
     if work.config.diagnose:
         sink.note(f"diagnosis page: {publish_diagnosis(work, work.diagnose(), 'diagnosis')}")
     _show_report(work, sink, artifact)
+    if not work.config.diagnose:
+        sink.note("next: bcid diagnose says what physics the models lack; with `diagnose = […]`, run does so as well")
 
 
 def report(
