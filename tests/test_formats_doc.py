@@ -121,3 +121,22 @@ def test_a_table_is_read_as_the_docs_show(title: str, tmp_path: Path) -> None:
     assert set(row) == set(range(len(T_C)))
     np.testing.assert_allclose(take.command[:, 0], STEER[row], atol=1e-4)
     np.testing.assert_allclose(take.command[:, 1], GAS, atol=1e-6)
+
+
+def test_the_motive_export_of_the_docs_is_read_as_the_drive_it_is_of(tmp_path: Path) -> None:
+    """Its head, with a drive's rows below it: Motive's x is ours, its z points to our right, its y up."""
+    text = re.search(r"```text\n(Format Version.*?)```", DOC.read_text(encoding="utf-8"), re.DOTALL)
+    assert text is not None
+    head = text[1].splitlines()[:7]
+    # frames come at the rate that the head states
+    t = np.arange(400) / 120.0
+    yaw = 0.6 * t
+    x, y, qz, qw = np.sin(yaw) / 0.6, (1.0 - np.cos(yaw)) / 0.6, np.sin(yaw / 2), np.cos(yaw / 2)
+    rows = [f"{k},{t[k]:.6f},0.0,{qz[k]:.8f},0.0,{qw[k]:.8f},{x[k]:.8f},0.35,{-y[k]:.8f}" for k in range(len(t))]
+    (tmp_path / "drive.csv").write_text("\n".join([*head, *rows]) + "\n", encoding="utf-8")
+    (tmp_path / "drive.commands.csv").write_text(
+        "\n".join(["time_s,steering_rad,throttle_mps", *(f"{t:.3f},0.5,1.2" for t in T_C)]) + "\n", encoding="utf-8"
+    )
+    take = read_raw_take(tmp_path / "drive.csv", Vehicle.model_validate(CAR), None)
+    assert take.pose[:, :2] == pytest.approx(np.column_stack([x, y]), abs=1e-6)
+    assert take.pose[:, 2] == pytest.approx(yaw, abs=1e-6)
