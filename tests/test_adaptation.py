@@ -19,6 +19,7 @@ from bcid.adaptation.filter import (
     OUTLIER,
     CompiledFilter,
     FilterNoise,
+    assume_noise,
     compile_filter,
     keep_within,
     run_filter,
@@ -60,7 +61,7 @@ class Adaptive(NamedTuple):
 def make_adaptive(*names: str, noise: FilterNoise = NOISE) -> Adaptive:
     model, quantities = choose_quantities(PLAIN, names)
     formulas = trace_adaptive(model, quantities)
-    return Adaptive(model, quantities, formulas, compile_filter(formulas, noise))
+    return Adaptive(model, quantities, formulas, assume_noise(compile_filter(formulas), formulas, noise))
 
 
 @pytest.fixture(scope="module")

@@ -43,28 +43,30 @@ from bcid.pipeline.compare_runs import compare_runs
 SIZES = st.floats(0.01, 1e4)
 
 
-def known(**constants: tuple[float, float]) -> dict[str, KnownConstant]:
+def known_constants(**constants: tuple[float, float]) -> dict[str, KnownConstant]:
     return {symbol: KnownConstant(value, se, "N") for symbol, (value, se) in constants.items()}
 
 
 def test_a_change_is_measured_by_both_errors() -> None:
-    (d,) = list_differences(known(C_f=(100.0, 3.0)), known(C_f=(90.0, 4.0)))
+    (d,) = list_differences(known_constants(C_f=(100.0, 3.0)), known_constants(C_f=(90.0, 4.0)))
     assert (d.change, d.change_se, d.z, d.share) == (-10.0, 5.0, -2.0, -0.1)
 
 
 @given(SIZES, SIZES, SIZES, SIZES, SIZES)
 def test_z_has_no_unit_and_turns_its_sign_with_the_order(a: float, b: float, s: float, t: float, unit: float) -> None:
-    (d,) = list_differences(known(x=(a, s)), known(x=(b, t)))
-    (back,) = list_differences(known(x=(b, t)), known(x=(a, s)))
-    (scaled,) = list_differences(known(x=(a * unit, s * unit)), known(x=(b * unit, t * unit)))
+    (d,) = list_differences(known_constants(x=(a, s)), known_constants(x=(b, t)))
+    (back,) = list_differences(known_constants(x=(b, t)), known_constants(x=(a, s)))
+    (scaled,) = list_differences(known_constants(x=(a * unit, s * unit)), known_constants(x=(b * unit, t * unit)))
     assert back.z == -d.z
     assert scaled.z == pytest.approx(d.z, rel=1e-9, abs=1e-9)
 
 
 def test_constants_that_only_one_knows_do_not_count() -> None:
-    differences = list_differences(known(a=(1.0, 0.1), b=(2.0, 0.1)), known(b=(2.0, 0.2), c=(3.0, 0.1)))
+    differences = list_differences(
+        known_constants(a=(1.0, 0.1), b=(2.0, 0.1)), known_constants(b=(2.0, 0.2), c=(3.0, 0.1))
+    )
     assert [d.symbol for d in differences] == ["b"]
-    assert list_differences(known(a=(1.0, 0.0)), known(a=(1.0, 0.0))) == ()
+    assert list_differences(known_constants(a=(1.0, 0.0)), known_constants(a=(1.0, 0.0))) == ()
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.9, -0.4])
@@ -79,11 +81,11 @@ def test_fits_of_one_car_differ_as_often_as_is_stated(correlation: float) -> Non
 
 
 def test_the_chance_is_that_of_the_largest_change_among_all() -> None:
-    one = known(a=(0.0, 1.0), b=(0.0, 1.0))
+    one = known_constants(a=(0.0, 1.0), b=(0.0, 1.0))
     at_limit = z_beyond_chance(2) * math.sqrt(2.0)
-    assert chance_of_differences(list_differences(one, known(a=(at_limit, 1.0), b=(0.1, 1.0)))) == pytest.approx(
-        LIMITS.max_chance
-    )
+    assert chance_of_differences(
+        list_differences(one, known_constants(a=(at_limit, 1.0), b=(0.1, 1.0)))
+    ) == pytest.approx(LIMITS.max_chance)
     assert chance_of_differences(list_differences(one, one)) == 1.0
     assert chance_of_differences(()) == 1.0
 
@@ -100,12 +102,12 @@ def car(folder: Path, C_f: float, take: int = 1, ratio: float = 0.5, loss: str =
     return folder
 
 
-def compared(one: Path, other: Path) -> ComparisonDocument:
+def compare(one: Path, other: Path) -> ComparisonDocument:
     return compare_runs(str(one), str(other), lambda: None)
 
 
 def test_the_same_car_is_the_same_and_says_what_would_have_shown(tmp_path: Path) -> None:
-    document = compared(car(tmp_path / "a", 3640.0), car(tmp_path / "b", 3700.0, take=2))
+    document = compare(car(tmp_path / "a", 3640.0), car(tmp_path / "b", 3700.0, take=2))
     (model,) = document.models
     assert model.verdict == "same"
     assert "none of 2 constants differs" in model.sentence
@@ -118,7 +120,7 @@ def test_the_same_car_is_the_same_and_says_what_would_have_shown(tmp_path: Path)
 
 
 def test_another_car_is_told_by_how_much(tmp_path: Path) -> None:
-    (model,) = compared(car(tmp_path / "a", 3640.0), car(tmp_path / "b", 3200.0, take=2)).models
+    (model,) = compare(car(tmp_path / "a", 3640.0), car(tmp_path / "b", 3200.0, take=2)).models
     assert model.verdict == "different"
     assert model.sentence == "Not the same: C_f fell by 12 % (9.1 σ)."
     assert model.chance is not None
@@ -139,7 +141,7 @@ def dragging_car(folder: Path, top_speed: float, take: int, R_1: float = 2.0, **
 def test_drag_is_compared_at_one_speed(tmp_path: Path) -> None:
     """Two takes of one car with other top speeds: R_v = 5.0 and 6.5 N s/m, which is no change of the car."""
     slow, fast = dragging_car(tmp_path / "a", 2.0, 1), dragging_car(tmp_path / "b", 3.0, 2)
-    (model,) = compared(slow, fast).models
+    (model,) = compare(slow, fast).models
     assert model.verdict == "same", model.sentence
     (change,) = [c for c in model.constants if c.symbol == "R_v"]
     assert (change.one.value, change.other.value) == pytest.approx((5.0, 5.0))
@@ -147,16 +149,18 @@ def test_drag_is_compared_at_one_speed(tmp_path: Path) -> None:
     se = math.sqrt((0.02 / 3) ** 2 + (2 * 0.065 / 3) ** 2 + 2 * 0.95 * (0.02 / 3) * (2 * 0.065 / 3))
     assert change.other.se == pytest.approx(se)
     assert model.notes == ("R_v was fitted at 2.00 and at 3.00 m/s, and is compared at 2.00 m/s",)
-    (other,) = compared(slow, dragging_car(tmp_path / "c", 3.0, 3, R_1=3.0)).models
+    (other,) = compare(slow, dragging_car(tmp_path / "c", 3.0, 3, R_1=3.0)).models
     assert other.verdict == "different"
 
 
 @pytest.mark.parametrize("unknown", ["not excited", "at its bound"])
-def test_drag_is_left_out_where_its_error_at_the_other_speed_is_not_known(tmp_path: Path, unknown: str) -> None:
+def test_drag_is_left_out_where_its_error_at_the_other_speed_is_not_known_constants(
+    tmp_path: Path, unknown: str
+) -> None:
     errors = {"R_1": None if unknown == "not excited" else 0.01, "R_v": 0.01}
     about = {"fitted": {s: {"unit": "N s/m", "meaning": s, "relative_se": e} for s, e in errors.items()}}
     about |= {"at_bound": ["R_1"]} if unknown == "at its bound" else {}
-    (model,) = compared(
+    (model,) = compare(
         dragging_car(tmp_path / "a", 2.0, 1), dragging_car(tmp_path / "b", 3.0, 2, **about)
     ).models  # fmt: skip
     assert "R_v" not in [c.symbol for c in model.constants]
@@ -175,7 +179,7 @@ def test_drag_is_left_out_where_its_error_at_the_other_speed_is_not_known(tmp_pa
 )
 def test_errors_that_cannot_be_relied_upon_decide_nothing(tmp_path: Path, more: dict[str, Any], caution: str) -> None:
     other = car(tmp_path / "b", 3200.0, **{"take": 2, **more})
-    (model,) = compared(car(tmp_path / "a", 3640.0), other).models
+    (model,) = compare(car(tmp_path / "a", 3640.0), other).models
     assert model.verdict == "undecided"
     assert "C_f fell by 12 %" in model.sentence
     assert [caution in text for text in model.cautions] == [True]
@@ -198,16 +202,16 @@ def diagnosis(folder: Path, C_f: float, effects: dict[str, float], unseen: tuple
 
 def test_diagnoses_are_compared_with_what_only_one_found(tmp_path: Path) -> None:
     one = diagnosis(tmp_path / "a", 3640.0, {"yaw_scrub": 5.0})
-    (same,) = compared(one, diagnosis(tmp_path / "b", 3650.0, {"yaw_scrub": 5.2})).models
+    (same,) = compare(one, diagnosis(tmp_path / "b", 3650.0, {"yaw_scrub": 5.2})).models
     assert same.verdict == "same"
     assert [c.symbol for c in same.constants] == ["C_f", "yaw_scrub b"]
-    (grown,) = compared(one, diagnosis(tmp_path / "c", 3650.0, {"yaw_scrub": 6.0})).models
+    (grown,) = compare(one, diagnosis(tmp_path / "c", 3650.0, {"yaw_scrub": 6.0})).models
     assert grown.sentence == "Not the same: yaw_scrub b rose by 20 % (7.1 σ)."
-    (lost,) = compared(one, diagnosis(tmp_path / "d", 3650.0, {})).models
+    (lost,) = compare(one, diagnosis(tmp_path / "d", 3650.0, {})).models
     assert lost.verdict == "different"
     assert lost.sentence == "Not the same: yaw scrub is found in the first only."
     # what a drive would not have shown cannot be missed in it
-    (unseen,) = compared(one, diagnosis(tmp_path / "e", 3650.0, {}, ("yaw_scrub",))).models
+    (unseen,) = compare(one, diagnosis(tmp_path / "e", 3650.0, {}, ("yaw_scrub",))).models
     assert unseen.verdict == "undecided"
     assert unseen.sentence.startswith(
         "Undecided: yaw scrub is found in the first only, which proves nothing, since the takes of the other run would "
@@ -223,14 +227,14 @@ def test_a_diagnosis_that_leaves_something_open_decides_nothing(tmp_path: Path) 
     document = DiagnosisDocument.read(unknown / "diagnosis.json").model_copy(update={"verdict": "unknown"})
     (unknown / "diagnosis.json").unlink()
     document.write(unknown / "diagnosis.json")
-    (model,) = compared(one, unknown).models
+    (model,) = compare(one, unknown).models
     assert model.verdict == "undecided"
     assert "since in the other run something is left without a name, which may be it" in model.sentence
     named = DiagnosisDocument.read(one / "diagnosis.json")
     twins = (named.findings[0].model_copy(update={"twins": ("quadratic_drag",)}),)
     (one / "diagnosis.json").unlink()
     named.model_copy(update={"findings": twins}).write(one / "diagnosis.json")
-    (alike,) = compared(one, diagnosis(tmp_path / "c", 3650.0, {"quadratic_drag": 3.0})).models
+    (alike,) = compare(one, diagnosis(tmp_path / "c", 3650.0, {"quadratic_drag": 3.0})).models
     assert "the other run names quadratic drag, which looks the same" in alike.sentence
 
 
@@ -257,7 +261,7 @@ def test_what_only_one_found_decides_if_it_is_large_enough(
         document = DiagnosisDocument.read(folder / "diagnosis.json").model_copy(update=update)
         (folder / "diagnosis.json").unlink()
         document.write(folder / "diagnosis.json")
-    (model,) = compared(one, other).models
+    (model,) = compare(one, other).models
     assert (model.verdict, [f.decides for f in model.lone_findings]) == (verdict, [verdict == "different"])
     assert reason in model.sentence
 
@@ -267,7 +271,7 @@ def test_what_only_one_found_in_the_same_drive_decides_nothing(tmp_path: Path) -
     for folder in (one, other):
         (folder / "model").mkdir()
         save_seen_takes([TakeSteps("take", tuple(range(500)))], folder / "model")
-    (model,) = compared(one, other).models
+    (model,) = compare(one, other).models
     assert model.verdict == "undecided"
     assert "the ± of these runs are not to be relied upon" in model.sentence
 
@@ -280,7 +284,7 @@ def test_workspaces_are_compared_model_by_model_the_diagnosis_first(tmp_path: Pa
         (tmp_path / week / "models" / "k-sindy").mkdir()
         save_model(MODELS["k-sindy"], tmp_path / week / "models" / "k-sindy")
     car(tmp_path / "two" / "models" / "newton-euler-poses", 3000.0)
-    document = compared(tmp_path / "one", tmp_path / "two")
+    document = compare(tmp_path / "one", tmp_path / "two")
     assert [m.one for m in document.models] == ["diagnosis", "newton-euler"]
     assert [m.verdict for m in document.models] == ["different", "different"]
 
@@ -301,11 +305,11 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     for other in ("network", "empty"):
         with pytest.raises(InputRefused, match="neither a diagnosis nor a car"):
-            compared(one, tmp_path / other)
+            compare(one, tmp_path / other)
     with pytest.raises(InputRefused, match="no folder of a saved model"):
-        compared(one, tmp_path / "nowhere")
+        compare(one, tmp_path / "nowhere")
     car(tmp_path / "w" / "models" / "one", 1.0)
     car(tmp_path / "w" / "models" / "two", 1.0)
     car(tmp_path / "v" / "models" / "three", 1.0)
     with pytest.raises(UsageError, match="no model of one name"):
-        compared(tmp_path / "w", tmp_path / "v")
+        compare(tmp_path / "w", tmp_path / "v")

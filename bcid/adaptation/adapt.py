@@ -126,8 +126,9 @@ def adapt(
     drive = MeasuredDrive(estimate, poses_at_rows(recording, estimate))
     if not drive.stretches():
         raise InputRefused(recording.name, "poses", "have no stretch without gaps", "record longer ones")
-    noise = noise or tune_noise(formulas, drive.beginning(TUNING_S), forget_s)
-    compiled = compile_filter(formulas, noise)
+    compiled = compile_filter(formulas)
+    noise = noise or tune_noise(compiled, formulas, drive.beginning(TUNING_S), forget_s)
+    compiled = assume_noise(compiled, formulas, noise)
     track = filter_drive(compiled, formulas, drive, noise)
     return Adaptation(switched, quantities, formulas, compiled, noise, drive, track)
 
@@ -156,7 +157,7 @@ def filter_drive(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredD
     return Track(values, sd, innovation, total)
 
 
-def tune_noise(formulas: AdaptiveFormulas, drive: MeasuredDrive, forget_s: float) -> FilterNoise:
+def tune_noise(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredDrive, forget_s: float) -> FilterNoise:
     """The noise under which the poses of a drive are likeliest: a push for the velocities, and one for the yaw rate."""
     from scipy.optimize import minimize
 
@@ -170,8 +171,6 @@ def tune_noise(formulas: AdaptiveFormulas, drive: MeasuredDrive, forget_s: float
         velocity, turning = np.exp(np.clip(log_share, *bounds)).tolist()
         q = spread * np.array([velocity, velocity, turning])
         return FilterNoise(q, pose_sd, TWIST_SD_SHARE * spread, STEERING_SD_RAD, forget_s)
-
-    f = compile_filter(formulas, assume(np.log([FIRST_PUSH, FIRST_PUSH])))
 
     def minus_log_likelihood(log_share: Floats) -> float:
         noise = assume(log_share)

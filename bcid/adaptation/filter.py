@@ -73,21 +73,20 @@ class FilterRun(NamedTuple):
     log_likelihood: float
 
 
-def compile_filter(formulas: AdaptiveFormulas, noise: FilterNoise) -> CompiledFilter:
-    """The filter of `formulas` with what `noise` assumes."""
+def compile_filter(formulas: AdaptiveFormulas) -> CompiledFilter:
+    """The filter of `formulas`, to which `assume_noise` gives what it assumes."""
     inputs = [*_names(formulas), *(c.name for c in COMMANDS)]
     step, F, F_places = _record(formulas.next_states, formulas.slopes, inputs)
     pose, H, H_places = _record(formulas.pose, formulas.pose_slopes, inputs)
     bounds = np.array([[q.low, q.high] for q in formulas.quantities])
     P_0 = np.array([q.sd**2 for q in formulas.quantities])
-    f = CompiledFilter(
+    return CompiledFilter(
         step, pose, F, H, F_places, H_places, np.zeros(F.shape[1]), np.zeros(3), P_0, 0.0, *bounds.T.copy()
     )
-    return assume_noise(f, formulas, noise)
 
 
 def assume_noise(f: CompiledFilter, formulas: AdaptiveFormulas, noise: FilterNoise) -> CompiledFilter:
-    """The filter `f` of `formulas` with what another `noise` assumes."""
+    """The filter `f` of `formulas` with what `noise` assumes."""
     T = formulas.period_s
     pushes = dict(zip(PUSHED, T * noise.q**2, strict=True))
     Q = np.array([pushes.get(name, 0.0) for name in _names(formulas)])

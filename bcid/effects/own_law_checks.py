@@ -94,7 +94,7 @@ def wrong_on_states(effect: OwnEffect) -> Iterator[str]:
     """What a law does wrong on many states, by plain Python."""
     states, typical = _draw_states(np.random.default_rng(0)), _typical(effect)
     off = {p.symbol: 0.0 for p in effect.amplitude_parameters}
-    start = np.array([_unchanged(effect, state) for state in states])
+    start = np.array([_output_without_effect(effect, state) for state in states])
 
     def difference(values: Mapping[str, float]) -> Floats:
         """What the law changes at all states, (STATES, 1 or 3), at these values."""
@@ -124,7 +124,7 @@ def wrong_on_states(effect: OwnEffect) -> Iterator[str]:
     yield from _wrong_units(effect, states, typical)
 
 
-def _unchanged(effect: OwnEffect, state: Mapping[str, float]) -> list[float]:
+def _output_without_effect(effect: OwnEffect, state: Mapping[str, float]) -> list[float]:
     """What a law returns at a state where the effect is off."""
     if effect.channel in STEERING:
         return [state["delta"]]

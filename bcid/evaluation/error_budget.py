@@ -24,7 +24,7 @@ from bcid.bootstrap import draw_block_counts, quantile_interval
 
 RESAMPLES = 1999
 SEED, FLOOR_SEED = 0, 1
-"""Of the draws of measured blocks, and of those of the simulated ones, which are other random numbers."""
+"""Seeds of the random numbers by which measured blocks are drawn, and simulated ones."""
 
 
 class ErrorPart(NamedTuple):

@@ -57,7 +57,11 @@ def measure_error_budget(
     more than `LIMITS.max_budget_sources`, the last findings are one together.  None where a set of them has no
     prediction that stays finite.
     """
-    sources, block, fits = _error_sources(diagnosis), _blocks(estimate, recording, diagnosis.take), _refitted(diagnosis)
+    sources, block, fits = (
+        _error_sources(diagnosis),
+        _blocks(estimate, recording, diagnosis.take),
+        _refit_every_set(diagnosis),
+    )
     own, weights = frozenset(diagnosis.naming.base.hypothesis.effects), inverse_spread(estimate.twist)
 
     def held_out_squares(chosen: frozenset[str]) -> Floats:
@@ -107,7 +111,7 @@ def _error_sources(diagnosis: Diagnosis) -> ErrorSources:
     return sources | ({"+".join(rest): rest} if rest else {}) | ({CORRECTIONS: corrections} if corrections else {})
 
 
-def _refitted(diagnosis: Diagnosis) -> dict[frozenset[str], Fit]:
+def _refit_every_set(diagnosis: Diagnosis) -> dict[frozenset[str], Fit]:
     """Fits to the whole take that the search has made, with all findings, some, or none of them, by their effects."""
     naming = diagnosis.naming
     fits = [*naming.without.values(), naming.corrected, naming.base, naming.best]

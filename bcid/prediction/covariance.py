@@ -24,7 +24,7 @@ from bcid.prediction.start import InitialState
 def start_covariance(model: Model, start: InitialState, parts: Floats) -> Floats:
     """Covariance (N + 1, 6, 6) that errors of the start make in the motion under commands `parts` (N, W, 4)."""
     columns = [
-        0.5 * (predict_motion(model, start.shifted(e), parts) - predict_motion(model, start.shifted(-e), parts))
+        0.5 * (predict_motion(model, start.shift(e), parts) - predict_motion(model, start.shift(-e), parts))
         for e in start.spread
         if e.any()
     ]

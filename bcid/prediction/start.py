@@ -96,7 +96,7 @@ class InitialState:
         """The angle (rad) of the front wheels from which the prediction starts."""
         return float(self.history.kinematic[-1, 3])
 
-    def shifted(self, error: Floats) -> History:
+    def shift(self, error: Floats) -> History:
         """The history with all rows shifted by an `error` (10,) of pose, twist and kinematic state.
 
         Estimated rows that follow each other are off by nearly the same.

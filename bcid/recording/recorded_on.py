@@ -8,7 +8,7 @@ from bcid.recording.formats.detect import HEAD_BYTES, MCAP_MAGIC, recording_file
 KEY = "Capture Start Time"
 """In the first row of a Motive export, before a local time."""
 FIRST_YEAR = 2000
-"""Of stamps that count from 1970: earlier ones are of a clock that began with the machine, or with a simulation."""
+"""Earliest year of a stamp that counts from 1970: earlier ones are of a clock that began with the machine."""
 
 
 def recorded_on(recording: Path) -> str | None:

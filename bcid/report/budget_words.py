@@ -7,7 +7,7 @@ from bcid.documents.error_budget import ErrorBudget, ErrorShare
 from bcid.report.formats import join_words, plain_name, with_minus_sign
 
 EFFECT_COLOURS = tuple(f"var(--part-{k})" for k in range(1, 6))
-"""Of named effects, the first named first: variables of the stylesheet, which is light or dark."""
+"""Colours of named effects, the first named first, as variables of the stylesheet, which is light or dark."""
 
 CAUSES = {
     "corrections": ("the base model’s own simplifications", "var(--corrections)"),

@@ -50,7 +50,7 @@ def _between(value: float | None, interval: Interval | None) -> Between:
     return Between(value, *(interval or (None, None)))
 
 
-def _estimated(quantity: Quantity) -> Estimated:
+def _as_estimate(quantity: Quantity) -> Estimated:
     """A quantity's value and standard error."""
     return Estimated(quantity.value, quantity.se)
 
@@ -91,7 +91,7 @@ def diagnosis_tables(diagnosis: DiagnosisDocument) -> list[ResultTable]:
         f"What {takes} shows that the model lacks ({diagnosis.verdict}); ± is one standard error",
         ("effect", "parameter", "value", "unit", "probability", "held-out gain"),
         tuple(
-            (f.effect, symbol, _estimated(q), q.unit, f.probability, f.heldout_gain)
+            (f.effect, symbol, _as_estimate(q), q.unit, f.probability, f.heldout_gain)
             for f in diagnosis.findings
             for symbol, q in f.parameters.items()
         ),
@@ -101,7 +101,7 @@ def diagnosis_tables(diagnosis: DiagnosisDocument) -> list[ResultTable]:
         "constants",
         f"Constants of the car, fitted to {takes} together with what was found; ± is one standard error",
         ("symbol", "value", "unit", "at a bound"),
-        tuple((p.symbol, _estimated(p), p.unit, p.at_bound) for p in diagnosis.base.parameters if p.shown),
+        tuple((p.symbol, _as_estimate(p), p.unit, p.at_bound) for p in diagnosis.base.parameters if p.shown),
     )
     horizons = ResultTable(
         "horizons",
@@ -130,7 +130,7 @@ def diagnosis_tables(diagnosis: DiagnosisDocument) -> list[ResultTable]:
         "Figures of the simulation that are others in the recording; ± is one standard error",
         ("symbol", "published", "needed", "unit", "gain"),
         tuple(
-            (o.symbol, o.published, _estimated(o.needed), o.needed.unit, o.gain_nats) for o in diagnosis.other_figures
+            (o.symbol, o.published, _as_estimate(o.needed), o.needed.unit, o.gain_nats) for o in diagnosis.other_figures
         ),
         {"gain": "nats"},
     )
