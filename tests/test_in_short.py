@@ -115,7 +115,7 @@ def test_what_to_do_next_names_deeds_drives_and_what_was_not_shown() -> None:
     unseen = tuple(NotExcited(effect=e) for e in ("yaw_scrub", "load_transfer", "tether_pull", "motor_sag"))
     text = " ".join(next_sentences(document(next_manoeuvre=drive, not_excited=unseen)))
     assert "For steering backlash: mend the car" in text
-    assert "For floor slope: clear the floor" in text
+    assert "For floor slope: change the floor there" in text
     assert "Drive circle 2 times" in text
     assert "tells steering delay and steering lag apart" in text
     assert "This drive hardly excites yaw scrub, load transfer, tether pull and 1 more, and shows them only if" in text

@@ -28,7 +28,7 @@ from bcid.errors import PredictionDiverged
 def test_what_is_left_counts_beyond_chance_only() -> None:
     for nats, unknown in ((GATE - 1.0, 0.0), (GATE + 1.0, GATE + 1.0)):
         named = fit(0.0)
-        found = Naming(named, named, beside(named), beside(named, nats), {}, {}, (), {}, chance())
+        found = Naming(named, named, beside(named), beside(named, nats), {}, {}, (), {}, {}, chance())
         assert found.unknown_nats == unknown
     louder = chance()._replace(placebos=[CandidateEffect("rear_toe", [0.0], GATE + 5.0)])
     assert found._replace(nulls=louder).unknown_nats == 0.0

@@ -37,7 +37,7 @@ def naming(best: Any, gains: dict[str, float], *rivals: Any, unknown: float = 0.
     without = {name: fit(best.penalised_log_likelihood - nats) for name, nats in gains.items()}
     rest = SimpleNamespace(named=best, fit=fit(0.0, "with a remainder") if unknown else best, nats=unknown)
     nulls = NullGains(14.0, [CandidateEffect("rear_toe", [0.01], 2.0)])
-    return Naming(base, fit(5.0, "tyre_fall") if corrected else base, rest, rest, gains, without, rivals, {}, nulls)
+    return Naming(base, fit(5.0, "tyre_fall") if corrected else base, rest, rest, gains, without, rivals, {}, {}, nulls)
 
 
 @pytest.fixture

@@ -26,14 +26,7 @@ def diagnose(
     vehicle: options.VehicleOption = None,
     out: options.OutOption = None,
     commands: options.CommandsOption = None,
-    simulation: Annotated[
-        str | None,
-        typer.Option(
-            help="What to compare with: the folder of a saved newton-euler model, a TOML file of its parameters, "
-            "another simulator's recording of the same car, or module:function. Default: newton-euler, refitted on the "
-            "recordings."
-        ),
-    ] = None,
+    simulation: options.SimulationOption = None,
     effects: options.EffectsOption = None,
     allow_partial: options.AllowPartialOption = False,
     ignore_health: options.IgnoreHealthOption = False,
@@ -60,7 +53,8 @@ def diagnose(
     document = DiagnosisDocument.read(artifact.folder / "diagnosis.json")
     sink.result(document.as_json(), lambda: show.diagnosis_tables(document))
     model = DIAGNOSED if not out else page.parent / "model"
-    sink.note(f"page: {page}\nnext: bcid report --model {model} compares the car with what was found")
+    compares = "compares the car with what was found, a newton-euler-augmented, with others"
+    sink.note(f"page: {page}\nnext: bcid report --model {model} {compares}")
     work.raise_if_parts_lost()
 
 

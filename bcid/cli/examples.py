@@ -41,6 +41,7 @@ EXAMPLES: dict[str, dict[str, str]] = {
     "fleet": {
         "bcid fleet logs --vehicle vehicle.toml --out work": "everything, of each log in the folder logs by itself",
         "bcid fleet monday tuesday --jobs 4 --no-diagnose": "of two folders, four logs at a time, without diagnoses",
+        "bcid fleet logs --labels fleet.csv": "days and cars by a table with the columns log, day and car",
         "bcid fleet logs --dask tcp://desk:8786": "on the workers of a Dask cluster, which see the same files",
     },
     "pool": {

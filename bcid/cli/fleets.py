@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from bcid.documents.fleet import FleetDocument, FleetLog
 
-FLEET_FILE = "fleet.json"
+FLEET_FILE, FLEET_PAGE = "fleet.json", "fleet.html"
 USUAL_MODEL = "newton-euler"
 SHOWN_NAMES = 5
 """Names of files that a note lists."""
@@ -41,6 +41,14 @@ def fleet(
     jobs: Annotated[
         int, typer.Option(min=0, help="Logs that are worked on at a time; 0 for as many as there are cores.")
     ] = 0,
+    labels: Annotated[
+        Path | None,
+        typer.Option(
+            help="A CSV table with the columns log, day and car: when each log was driven, and by which car. Default: "
+            "the date in a log's name or folder."
+        ),
+    ] = None,
+    simulation: options.SimulationOption = None,
     dask: options.DaskOption = None,
     pipeline: options.PipelineOption = None,
     vehicle: options.VehicleOption = None,
@@ -51,18 +59,22 @@ def fleet(
     force: options.ForceOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:  # fmt: skip
-    """Ingest, estimate, fit, evaluate and diagnose each of any number of logs by itself, several at a time.
+    """Ingest, estimate, fit, evaluate and diagnose each of any number of logs by itself; say what all show together.
 
-    A log's results are those of single commands that name it.  Its models are evaluated on the next log.  What fails is
-    named at the end, and the others go on; the same command continues where it was stopped.
+    A log's results are those of single commands that name it.  Its models are evaluated on the next log.  Together logs
+    show which effect the cars have since which day, and which parameters are others.  What fails is named at the end,
+    and the others go on; the same command continues where it was stopped.
     """
     from bcid.cli.sink import Sink
     from bcid.execution.jobs import make_pool
+    from bcid.fleet.labels import label_logs
     from bcid.fleet.logs import find_logs
     from bcid.fleet.run import run_fleet
     from bcid.fleet.tasks import FleetOrder
     from bcid.models.table import fittable_row
     from bcid.pipeline.run import Pipeline
+    from bcid.pipeline.takes import name_takes
+    from bcid.report.fleet_page import write_fleet_page
     from bcid.store.receipt import refuse_to_renew, renew_results
 
     workers = options.choose_workers(jobs, dask)
@@ -80,12 +92,17 @@ def fleet(
     # what all logs have in common is refused once, before any takes its time
     work = Pipeline(config, sink)
     work.refuse_untrainable(models)
-    refuse_to_renew(config.workspace, [FLEET_FILE], force)
+    names = name_takes(listed.logs)
+    labelled = label_logs(listed.logs, [names[log] for log in listed.logs], labels)
+    compared = str(Path(simulation).absolute()) if simulation and Path(simulation).exists() else simulation
+    refuse_to_renew(config.workspace, [FLEET_FILE, FLEET_PAGE], force)
     with sink.stage(f"fleet of {len(listed.logs)}") as progress:
-        order = FleetOrder(config, models, diagnose)
-        document = run_fleet(order, listed.logs, work.vehicle.name, pool, progress)
-    renew_results(config.workspace, {FLEET_FILE: document.write}, force)
+        order = FleetOrder(config, models, diagnose, compared)
+        document = run_fleet(order, listed.logs, labelled, work.vehicle.name, pool, progress)
+    writers = {FLEET_FILE: document.write, FLEET_PAGE: lambda path: write_fleet_page(document, path)}
+    renew_results(config.workspace, writers, force)
     sink.result(document.as_json(), lambda: _tables(document, config.workspace))
+    sink.note(f"page: {config.workspace / FLEET_PAGE}")
     _raise_what_failed(document)
 
 
@@ -101,6 +118,7 @@ def _tables(document: FleetDocument, workspace: Path) -> RenderableType:
     from rich.markup import escape
 
     from bcid.cli.sink import plain_table
+    from bcid.report.fleet_words import fleet_sentences
 
     columns = ["log", "", "lasts", *(f"NMSE of {name}" for name in document.models), "on", "found"]
     rows = [_cells(log, document.models) for log in document.logs]
@@ -108,7 +126,8 @@ def _tables(document: FleetDocument, workspace: Path) -> RenderableType:
         escape(f"\n{log.name}: {problem.stage}: {problem.text}") for log in document.logs for problem in log.problems
     ]
     caption = f"of each log's models on the next log; artifacts of each log: {workspace / FLEET_FILE}"
-    return Group(plain_table(document.vehicle, columns, rows, caption), *wrong)
+    said = [escape(f"\n{sentence}") for sentence in fleet_sentences(document)]
+    return Group(plain_table(document.vehicle, columns, rows, caption), *said, *wrong)
 
 
 def _cells(log: FleetLog, models: Sequence[str]) -> list[str]:

@@ -93,6 +93,15 @@ EffectsOption = Annotated[
     typer.Option("--effects", help="A Python file of effects of your own, tried beside the built-in ones. It is run."),
 ]
 
+SimulationOption = Annotated[
+    str | None,
+    typer.Option(
+        "--simulation",
+        help="What to compare with: the folder of a saved newton-euler model, a TOML file of its parameters, another "
+        "simulator's recording of the same car, or module:function. Default: newton-euler, refitted on the recordings.",
+    ),
+]
+
 DaskOption = Annotated[
     str | None,
     typer.Option(

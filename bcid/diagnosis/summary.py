@@ -79,6 +79,7 @@ def summarise_diagnosis(
             for c in naming.nulls.placebos[: SUMMARY_LIMITS.max_placebos]
         ),
         dropped=tuple(naming.dropped),
+        others_nats={name: round(nats, 1) for name, nats in naming.others.items()},
         gate_nats=round(naming.nulls.gate, 1),
         stretches=diagnosis.take.segments,
         located=written.Located(

@@ -258,6 +258,9 @@ class DiagnosisDocument(Document):
     rivals: tuple[Rival, ...] = ()
     placebos: tuple[Placebo, ...] = ()
     dropped: tuple[str, ...] = ()  # effects that were tried, and add nothing beside free functions
+    others_nats: dict[str, Figure] = Field(
+        default_factory=dict
+    )  # that each effect of the vocabulary would add beside the findings and free functions, to first order
     gate_nats: Number = None  # what chance reaches on these recordings, and a name must exceed
     stretches: int | None = None  # of 1.5 s, in which the recordings are predicted
     located: Located | None = None

@@ -50,6 +50,8 @@ class FleetLog(Part):
     name: str
     file: str
     state: LogState
+    day: str = ""  # on which it was driven; "" where that is not known
+    car: str = ""  # that drove; "" where that is not known
     duration_s: Number = None
     go: bool | None = None  # whether its check says that it is worth fitting; null where it cannot be read
     artifacts: tuple[KeptArtifact, ...] = ()
@@ -62,6 +64,70 @@ class FleetLog(Part):
         return any(artifact.stage == stage for artifact in self.artifacts)
 
 
+class FleetEffect(Part):
+    """An effect that the logs of a fleet show together: since which day, in what share of them, in which."""
+
+    effect: str
+    probability: float  # that the fleet has it
+    evidence_nats: float
+    twins: tuple[str, ...] = ()  # effects that explain the logs nearly as well
+    since: str  # the day since which it is likeliest to be there
+    since_probability: float
+    share: float  # of the cars that have it since then; of the logs, where it is not known which car drove
+    share_ci90: Interval
+    in_logs: dict[str, float]  # the probability that each log has it, of those that can say
+
+
+class LogValue(Part):
+    """A parameter as one log shows it."""
+
+    log: str
+    day: str
+    value: float
+    se: float
+
+
+class DayValue(Part):
+    """The mean of a parameter over the logs of a day, or the cars, with its standard error."""
+
+    day: str
+    mean: float
+    se: float
+
+
+class MovedParameter(Part):
+    """A parameter that is another on a later day than on the first."""
+
+    symbol: str
+    day: str
+    beside: str  # the first day
+    change: float  # a share of the value, or in its unit where it may have either sign
+    se: float
+    ci95: Interval
+    relative: bool
+    unit: str = ""
+    p_value: float  # of no change
+
+
+class FleetParameter(Part):
+    """A parameter of the car, or of an effect that was found, over the logs of a fleet."""
+
+    symbol: str
+    unit: str = ""
+    scatter: Number = None  # from log to log of a day, beside standard errors: a share, or in its unit as changes are
+    logs: tuple[LogValue, ...]
+    days: tuple[DayValue, ...] = ()
+
+
+class FleetDiagnosis(Part):
+    """What the diagnoses of all logs say together."""
+
+    days: tuple[str, ...]
+    effects: tuple[FleetEffect, ...] = ()
+    moved: tuple[MovedParameter, ...] = ()  # the most certain first
+    parameters: tuple[FleetParameter, ...] = ()
+
+
 class FleetDocument(Document):
     """All logs of a fleet, in the order in which they were named (`bcid.fleet/1`)."""
 
@@ -70,3 +136,4 @@ class FleetDocument(Document):
     models: tuple[str, ...]
     diagnosed: bool  # whether each log was to be diagnosed
     logs: tuple[FleetLog, ...]
+    together: FleetDiagnosis | None = None  # null where fewer than two logs were diagnosed

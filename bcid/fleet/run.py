@@ -12,10 +12,13 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from bcid.aliases import Progress
+from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.fleet import FleetDocument, FleetLog, LogProblem
 from bcid.execution.jobs import Pool, ProcessLost, run_jobs_in
+from bcid.fleet.labels import LogLabel
 from bcid.fleet.limits import LIMITS
 from bcid.fleet.tasks import FleetOrder, LogEvaluation, evaluate_on, state_of, work_on_log
+from bcid.fleet.together import DiagnosedLog, diagnose_together
 from bcid.pipeline.takes import name_takes
 
 LOST = "its process died each time that it was tried: out of memory, or killed"
@@ -31,30 +34,32 @@ class FleetJob(NamedTuple):
 
 
 def run_fleet(
-    order: FleetOrder, logs: Sequence[Path], vehicle: str, pool: AbstractContextManager[Pool],
-    progress: Progress = lambda share, text: None,
+    order: FleetOrder, logs: Sequence[Path], labels: Sequence[LogLabel], vehicle: str,
+    pool: AbstractContextManager[Pool], progress: Progress = lambda share, text: None,
 ) -> FleetDocument:  # fmt: skip
     """Do what the order says to each of `logs` in the processes of `pool`; what came of each, in their order.
 
-    The models of each log are evaluated on the next one that can be used, those of the last one on the first.
+    The models of each log are evaluated on the next one that can be used, those of the last one on the first; what the
+    diagnoses of all say together goes by the days and cars of their `labels`.
     Nothing that goes wrong with a log is raised: its row says it.
     """
-    fleet = _Fleet(order, logs)
+    fleet = _Fleet(order, logs, labels)
     for job, result in run_jobs_in(pool, fleet.jobs(), fleet.prepare, _lost):
         fleet.take_over(job, result)
         progress(fleet.share_done(), fleet.describe_progress(job))
     return FleetDocument(
         vehicle=vehicle, models=order.models, diagnosed=order.diagnose,
         logs=tuple(fleet.row_of(number) for number in range(len(logs))),
+        together=diagnose_together(fleet.diagnosed()),
     )  # fmt: skip
 
 
 class _Fleet:
     """What is known so far of the logs of a fleet, and what can be done next."""
 
-    def __init__(self, order: FleetOrder, logs: Sequence[Path]) -> None:
-        """Begin with logs of which nothing is known."""
-        names = name_takes(logs)
+    def __init__(self, order: FleetOrder, logs: Sequence[Path], labels: Sequence[LogLabel]) -> None:
+        """Begin with logs of which nothing is known but their labels."""
+        names, self.labels = name_takes(logs), labels
         self.order, self.logs, self.names = order, logs, [names[log] for log in logs]
         self.rows, self.evaluations = dict[int, FleetLog](), dict[int, LogEvaluation]()
         self._locked = set[tuple[str, int]]()
@@ -108,10 +113,21 @@ class _Fleet:
         """All that came of a log."""
         row, evaluation = self.rows[number], self.evaluations.get(number, LogEvaluation())
         row = row.model_copy(update={
+            "day": self.labels[number].day, "car": self.labels[number].car,
             "artifacts": (*row.artifacts, *evaluation.artifacts), "scores": evaluation.scores,
             "problems": (*row.problems, *evaluation.problems),
         })  # fmt: skip
         return row.model_copy(update={"state": state_of(row)})
+
+    def diagnosed(self) -> list[DiagnosedLog]:
+        """The logs that were diagnosed, with what was found."""
+        home = self.order.settings.workspace / "diagnose"
+        return [
+            DiagnosedLog(row.name, self.labels[number], DiagnosisDocument.read(home / artifact.key / "diagnosis.json"))
+            for number, row in sorted(self.rows.items())
+            for artifact in row.artifacts
+            if artifact.stage == "diagnose"
+        ]
 
     def share_done(self) -> float:
         """The share of the work that is done; evaluations count little, and those that cannot be made are none."""

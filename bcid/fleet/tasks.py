@@ -32,6 +32,7 @@ class FleetOrder:
     settings: PipelineConfig  # of all logs; recordings are not among them
     models: tuple[str, ...]
     diagnose: bool
+    simulation: str | None = None  # that logs are compared with
 
     def config_of(self, log: Path, unseen: Path | None = None) -> PipelineConfig:
         """The configuration of one log, as a command makes it for one that is named; `unseen` is to be predicted."""
@@ -165,7 +166,7 @@ class _LogWork:
         """Diagnose the log, and write the page."""
         from bcid.report.verdict_words import verdict_sentence
 
-        made = self._keep("diagnose", self.work.diagnose())
+        made = self._keep("diagnose", self.work.diagnose(self.order.simulation))
         self._keep("diagnosis_page", self.work.diagnosis_page(made))
         document = DiagnosisDocument.read(made.folder / "diagnosis.json")
         self.figures["diagnosis"] = LogVerdict(

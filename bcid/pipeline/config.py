@@ -88,7 +88,7 @@ class PipelineFile(Settings):
     seed: int = 1
     models: list[Annotated[str, AfterValidator(_check_model_name)]] = Field(default_factory=lambda: list(FITTABLE))
     estimate: EstimateTable = EstimateTable()
-    diagnose: list[PathText] = Field(default_factory=list)  # recordings; empty: those named above
+    diagnose: list[PathText] = Field(default_factory=list)  # recordings; empty: those of training
     effects: PathText | None = None  # a Python file of the user's own effects
     fit: FitTables = Field(default_factory=FitTables)
     report: ReportTable = ReportTable()

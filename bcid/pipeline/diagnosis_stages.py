@@ -38,8 +38,12 @@ class DiagnosisStages:
         self.models = models
 
     def recordings(self) -> list[Path]:
-        """The recordings that are diagnosed: those that the configuration lists for it, else all."""
-        return list(self.runner.config.diagnose) or self.runner.config.recordings()
+        """The recordings that are diagnosed: those that the configuration lists for it, else those to be trained on.
+
+        The validation take stays one that no model has seen.
+        """
+        config = self.runner.config
+        return list(config.diagnose or config.training)
 
     def diagnose(self, simulation: str | None = None) -> Artifact:
         """Artifact of the diagnosis: what physics the recordings show that the base model, or `simulation`, lacks.

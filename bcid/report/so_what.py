@@ -13,7 +13,7 @@ from bcid.report.verdict_words import CHANNELS, stays_above_floor
 
 REMEDIES = {
     "vehicle": "mend the car, or give it to the simulation",
-    "environment": "clear the floor of it, or give it to the simulation where it is",
+    "environment": "change the floor there, or give it to the simulation as it is",
     "measurement": "correct the recording for it before anything is fitted, since the car itself is not like that",
 }
 """What to do about a finding, by its kind."""

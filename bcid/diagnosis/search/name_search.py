@@ -5,7 +5,7 @@ Names are added as if nothing else were missing, and where that leaves something
 (`keep_names`), and each is exchanged for others (`rivals`).  The method as equations: docs/method.md.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
@@ -15,6 +15,7 @@ from bcid.diagnosis.search import refits
 from bcid.diagnosis.search.add_names import Report, add_names_beside_remainder, add_names_plainly, weigh_plain_names
 from bcid.diagnosis.search.corrections import fit_corrections, replace_delays_by_latency
 from bcid.diagnosis.search.keep_names import KeptNames, keep_names
+from bcid.diagnosis.search.name_scores import score_names
 from bcid.diagnosis.search.place_search import refine_places
 from bcid.diagnosis.search.refits import named_effects
 from bcid.diagnosis.search.rivals import distinct_rivals, exchange_until_stable
@@ -39,6 +40,7 @@ class Naming(NamedTuple):
     without: dict[str, Fit]  # the refit without each name
     rivals: tuple[Fit, ...]  # fits with one name exchanged for another, best first
     dropped: dict[str, float]  # effects that were tried or taken, with what they add beside the remainder at most
+    others: dict[str, float]  # nats that each effect without a name would add beside the names, to first order
     nulls: NullGains  # what effects gain by chance
 
     @property
@@ -82,8 +84,18 @@ def name_effects(
     dropped = {name: nats for name, nats in state.added.items() if name not in kept.gains}
     return Naming(
         base, corrected, before, rest=kept.full, gains=kept.gains, without=kept.without, rivals=rivals,
-        dropped=dropped, nulls=state.nulls,
+        dropped=dropped, others=_score_others(state, kept.rest, dropped), nulls=state.nulls,
     )  # fmt: skip
+
+
+def _score_others(state: SearchState, rest: RemainderFit, tried: Mapping[str, float]) -> dict[str, float]:
+    """Nats that each effect without a name would add beside a fit and its remainder, most first.
+
+    They are found to first order, and no more than a refit gained where it was `tried`.
+    """
+    promised = score_names(rest, state.take, state.trials_beside(rest.named))
+    nats = {c.effect: min(c.score, tried.get(c.effect, c.score)) for c in promised}
+    return dict(sorted(nats.items(), key=lambda pair: -pair[1]))
 
 
 def _add_names(state: SearchState, before: RemainderFit, more: Sequence[Fit], report: Report) -> RemainderFit:
