@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from bcid.execution.jobs import Workers
 
 OTHER_FILE = "name another file with --out"
+DEFAULT_FLEETS = [4, 16]
 ACCURACY_FILE = Path("pipelines/accuracy.toml")
 
 
@@ -30,6 +31,7 @@ class BenchSubject(StrEnum):
     speed = "speed"
     accuracy = "accuracy"
     parameters = "parameters"
+    fleet = "fleet"
 
 
 def bench(
@@ -37,7 +39,8 @@ def bench(
         BenchSubject,
         typer.Argument(
             help="speed: hot paths beside their peers. accuracy: models beside peers on unseen takes. "
-            "parameters: how often the stated intervals of a simulated car's constants hold."
+            "parameters: how often the stated intervals of a simulated car's constants hold. "
+            "fleet: what a log costs as fleets grow."
         ),
     ] = BenchSubject.speed,
     only: Annotated[
@@ -53,11 +56,18 @@ def bench(
         Path | None, typer.Option("--workspace", help="accuracy: the folder for takes and fits.")
     ] = None,
     workers: Annotated[
-        int, typer.Option(min=0, help="accuracy: fits at a time; 0 for as many as cores. Times of fits need 1.")
+        int,
+        typer.Option(
+            min=0, help="accuracy, fleet: fits or logs at a time; 0 for as many as cores. Times of fits need 1."
+        ),
     ] = 1,
     dask: DaskOption = None,
     fits: Annotated[int, typer.Option(min=1, help="parameters: number of simulated takes to fit.")] = 40,
-    seconds: Annotated[float, typer.Option(min=40.0, help="parameters: length of each take in seconds.")] = 60.0,
+    seconds: Annotated[float, typer.Option(min=40.0, help="parameters, fleet: length of each take in seconds.")] = 60.0,
+    logs: Annotated[
+        list[int] | None,
+        typer.Option("--logs", min=2, help="fleet: logs of a fleet; repeat for several. Default: 4, 16."),
+    ] = None,
     check: Annotated[bool, typer.Option("--check", help="End with exit code 5 where a goal is missed.")] = False,
     out: Annotated[Path | None, typer.Option("--out", help="Write the JSON into this file as well.")] = None,
     renew: Annotated[
@@ -66,14 +76,14 @@ def bench(
     force: ForceOption = False,
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """Compare speed or accuracy with other libraries (peers), or count how often 95 % intervals of constants hold."""
+    """Compare speed or accuracy with other libraries, count how often intervals hold, or weigh what fleets cost."""
     from bcid.cli import show
     from bcid.cli.sink import Sink
     from bcid.files.outputs import refuse_to_overwrite, write_output
 
-    if what is not BenchSubject.accuracy and (workers != 1 or dask is not None):
-        raise UsageError("--workers and --dask go with accuracy\n  next: leave them out")
-    sink, places = Sink(format), choose_workers(0 if dask is not None and workers == 1 else workers, dask)
+    if what not in (BenchSubject.accuracy, BenchSubject.fleet) and (workers != 1 or dask is not None):
+        raise UsageError("--workers and --dask go with accuracy and fleet\n  next: leave them out")
+    sink = Sink(format)
     earlier = _read_earlier(what, only, out) if renew else None
     if out is not None:
         refuse_to_overwrite([out], lambda path: force or renew, OTHER_FILE)
@@ -82,7 +92,11 @@ def bench(
         if what is BenchSubject.speed:
             found, shown = _measure_speed(only or [], repeats, progress, earlier, out), show.speed_table
         elif what is BenchSubject.accuracy:
+            places = choose_workers(0 if dask is not None and workers == 1 else workers, dask)
             found, shown = _measure_accuracy(data, recordings, workspace, seeds, places, progress), show.accuracy_tables
+        elif what is BenchSubject.fleet:
+            found = _measure_fleets(logs or DEFAULT_FLEETS, seconds, workers or os.cpu_count() or 1, dask, progress)
+            shown = show.fleet_cost_table
         else:
             found, shown = _measure_coverage(fits, seconds, progress), show.coverage_table
     if out is not None:
@@ -148,6 +162,17 @@ def _measure_accuracy(
     if not rows:
         raise UsageError(f"{data} names real recordings only\n  next: name their folder with --recordings")
     return summarise_accuracy(rows, {"machine": describe_machine().as_json(), "versions": library_versions()})
+
+
+def _measure_fleets(
+    counts: list[int], seconds: float, workers: int, dask: str | None, progress: Progress
+) -> dict[str, Any]:
+    """Run fleets of simulated logs, and return the benchmark's JSON: what a log costs as they grow."""
+    from bcid.bench.fleets import measure_fleets, summarise_fleets
+    from bcid.report.content import describe_machine
+
+    costs = measure_fleets(counts, seconds, workers, dask, progress)
+    return summarise_fleets(costs, seconds, describe_machine().as_json())
 
 
 def _measure_coverage(fits: int, seconds: float, progress: Progress) -> dict[str, Any]:

@@ -313,6 +313,23 @@ def coverage_table(outcome: Mapping[str, Any]) -> Table:
     return plain_table(title, ["loss", "constant", "stated", "within", "median error", "bias, s.e."], rows)
 
 
+def fleet_cost_table(outcome: Mapping[str, Any]) -> Table:
+    """Table of `bcid bench fleet`: time, memory and disk of each fleet, and what an archive would cost."""
+    rows = [
+        [str(r["logs"]), str(r["workers"]), f"{r['cpu_s_per_log']:.1f} s", f"{r['wall_s']:.0f} s",
+         f"{r['peak_mib']:.0f} MiB", f"{r['disk_mib'] / r['logs']:.1f} MiB", str(r["failed"])]
+        for r in outcome["rows"]
+    ]  # fmt: skip
+    archive, faster = outcome["archive"], outcome["speed_up"]
+    said = f"{outcome['workers']} workers are {faster:.2f} times as fast as one; " if faster else ""
+    caption = (
+        f"{said}not measured but reckoned, for {archive['hours']:,.0f} hours of logs: "
+        f"{archive['cpu_hours']:,.0f} CPU hours, {archive['disk_gib']:,.0f} GiB"
+    )
+    columns = ["logs", "workers", "CPU a log", "time", "memory of a process", "disk a log", "failed"]
+    return plain_table(f"fleets of logs of {outcome['seconds']:g} s", columns, rows, caption)
+
+
 def health_text(health: HealthDocument) -> str:
     """Whether each recording is worth fitting and why, its clock offset and its findings, as text: a paragraph each."""
     lines = []

@@ -1,0 +1,135 @@
+"""What a fleet of logs costs as it grows, and how much faster more processes are: runs of `bcid fleet`, weighed whole.
+
+Every run is a process of its own, so that its time and memory are those of all processes that it has started.  On a
+Dask cluster they are the workers', which are asked before and after.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+from bcid.aliases import Progress
+from bcid.bench.limits import FLEETS
+from bcid.bench.run import SCHEMA
+from bcid.documents.fleet import FleetDocument
+from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
+from bcid.simulation.samples import VEHICLE, VEHICLE_FILE, SampleTake, write_sample_take
+
+ARCHIVE_HOURS = 10_000.0
+"""Length of the archive for which cost is reckoned, not measured."""
+
+
+class FleetCost(NamedTuple):
+    """What one run over a fleet cost."""
+
+    logs: int
+    workers: int
+    failed: int  # logs that did not come through wholly
+    wall_s: float
+    cpu_s: float  # of all processes
+    peak_mib: float  # largest resident memory of any one process
+    disk_mib: float  # of the workspace
+
+
+def measure_fleets(
+    counts: Sequence[int], seconds: float, workers: int, dask: str | None, progress: Progress
+) -> list[FleetCost]:
+    """Costs of fleets of so many logs of `seconds` each, in so many processes, the smallest in one process as well.
+
+    With `dask`, the address of a scheduler, the work goes to its cluster, whose number of workers counts.
+    """
+    with TemporaryDirectory() as name:
+        home = Path(name)
+        logs = [_write_log(home, i, seconds) for i in range(max(counts))]
+        found = list[FleetCost]()
+        # the first run compiles what later ones find, and is not counted
+        orders = [
+            (1, workers),
+            *([(min(counts), 1)] if workers > 1 and dask is None else []),
+            *((n, workers) for n in counts),
+        ]
+        for k, (count, processes) in enumerate(orders):
+            progress(k / len(orders), f"{count} logs in {processes} processes" if dask is None else f"{count} logs")
+            found.append(_run_fleet(home, logs[:count], processes, dask, home / f"work_{k}"))
+        return found[1:]
+
+
+def _write_log(home: Path, number: int, seconds: float) -> Path:
+    """A simulated log with what a real car has beside the paper's."""
+    take = SampleTake(f"log_{number:04d}", "mcap", seconds)
+    (home / VEHICLE_FILE).write_text(VEHICLE, encoding="utf-8")
+    return write_sample_take(home, take, Plant(**REAL_EXTRAS), Sensor(), 1 + number)
+
+
+def _run_fleet(home: Path, logs: Sequence[Path], workers: int, dask: str | None, out: Path) -> FleetCost:
+    """Run `bcid fleet` on logs, and weigh it."""
+    where = ["--jobs", str(workers)] if dask is None else ["--dask", dask]
+    words = ["fleet", *map(str, logs), "--vehicle", str(home / VEHICLE_FILE), "--out", str(out), *where]
+    ask = _cluster_usage(dask) if dask is not None else None
+    before, begin = ask() if ask else {}, time.perf_counter()
+    command = [sys.executable, "-m", "bcid", *words, "--format", "quiet"]
+    null = [(os.POSIX_SPAWN_OPEN, n, os.devnull, 1, 0) for n in (1, 2)]
+    pid = os.posix_spawn(sys.executable, command, os.environ, file_actions=null)
+    _, _, usage = os.wait4(pid, 0)  # its children's included
+    wall, after = time.perf_counter() - begin, ask() if ask else {}
+    cpu = (
+        usage.ru_utime + usage.ru_stime + sum(cpu for cpu, _ in after.values()) - sum(cpu for cpu, _ in before.values())
+    )
+    peak = max([usage.ru_maxrss / 1024.0, *(mib for _, mib in after.values())])
+    rows = FleetDocument.read(out / "fleet.json").logs
+    size = sum(path.stat().st_size for path in out.rglob("*") if path.is_file()) / 2**20
+    return FleetCost(
+        len(logs), len(after) or workers, sum(row.state != "done" for row in rows), wall, cpu, peak, size
+    )  # fmt: skip
+
+
+def _cluster_usage(dask: str) -> Callable[[], dict[str, tuple[float, float]]]:
+    """A function that gives CPU time (s) and largest resident memory (MiB) of each worker of a Dask cluster."""
+    from distributed import Client
+
+    client = Client(dask, set_as_default=False)  # type: ignore[no-untyped-call]
+    return lambda: dict(client.run(process_usage))
+
+
+def process_usage() -> tuple[float, float]:
+    """CPU time (s) of this process, and its largest resident memory (MiB)."""
+    import resource
+
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024.0
+
+
+def summarise_fleets(costs: Sequence[FleetCost], seconds: float, machine: dict[str, Any]) -> dict[str, Any]:
+    """The fleet benchmark's JSON: cost per log, growth from the smallest fleet to the largest, speed-up, goals missed.
+
+    `archive` is reckoned from the largest fleet: hours of time and GiB of disk for `ARCHIVE_HOURS` of logs.
+    """
+    most = max(cost.workers for cost in costs)
+    same = sorted((cost for cost in costs if cost.workers == most), key=lambda cost: cost.logs)
+    small, large = same[0], same[-1]
+    growth = (large.cpu_s / large.logs) / (small.cpu_s / small.logs)
+    memory = large.peak_mib / small.peak_mib - 1.0
+    single = next((c for c in costs if c.workers == 1 and c.logs == small.logs), None)
+    log_count = 3600.0 * ARCHIVE_HOURS / seconds
+    missed = [f"{c.failed} of {c.logs} logs failed" for c in costs if c.failed]
+    if growth > FLEETS.most_growth:
+        missed.append(f"a log costs {growth:.2f} times as much in {large.logs} as in {small.logs}")
+    if memory > FLEETS.most_memory_growth:
+        missed.append(f"memory grows by {100.0 * memory:.0f} %")
+    return {
+        "schema": SCHEMA, "what": "fleet", "seconds": seconds, "machine": machine,
+        "rows": [{**c._asdict(), "cpu_s_per_log": c.cpu_s / c.logs} for c in costs],
+        "growth": growth, "memory_growth": memory,
+        "speed_up": single.wall_s / small.wall_s if single and most > 1 else None, "workers": most,
+        "archive": {
+            "hours": ARCHIVE_HOURS, "measured": False, "cpu_hours": log_count * large.cpu_s / large.logs / 3600.0,
+            "disk_gib": log_count * large.disk_mib / large.logs / 1024.0,
+        },
+        "missed": missed,
+    }  # fmt: skip
