@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -24,50 +23,52 @@ from bcid.diagnosis.diagnose import diagnose_recordings
 from bcid.diagnosis.summary import summarise_diagnosis
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.execution.jobs import run_jobs
-from bcid.fleet.log_evidence import LogEvidence
-from bcid.fleet.occurrences import find_occurrences
+from bcid.fleet.labels import LogLabel
+from bcid.fleet.together import DiagnosedLog, diagnose_together
 from bcid.proof.blind.diagnose_case import estimate_concealed_drive
 from bcid.proof.blind.small_case import SmallCase
 from bcid.proof.blind.small_effects import SMALL_SIZES, draw_small_effect, kinds_of_car
 from bcid.proof.blind.small_files import PUBLISHED
+from bcid.proof.rows import code_digest
+from bcid.simulation.room_drivers import DRIVERS
 from bcid.simulation.small_car import draw_small_car
 from bcid.virtual_lab import read_vehicle_text, record_drive
 
 RESULT = Path(__file__).parents[1] / "docs" / "results" / "fleet.json"
 LOGS, DAYS, AFFECTED, SECONDS, TRUST = 12, 3, 4, 90.0, 0.05
+SINCE = 0.5  # share of the logs since the second day that have it
+WITHOUT = 1000  # number of the first fleet without an effect
 DAY_OF = [log * DAYS // LOGS for log in range(LOGS)]
 # a load is in a whole log or in none, and then it is the mass; a time within the log is no other day
 NOT_DRAWN = ("mass_change",)
 
 
-def draw_fleet(number: int, fleets: int) -> list[SmallCase]:
-    """The logs of a fleet; those numbered below `fleets` have an effect in some."""
+def draw_fleet(number: int) -> list[SmallCase]:
+    """The logs of a fleet; those numbered below WITHOUT have an effect in some."""
     rng = np.random.default_rng([4401, number])
-    names = [name for name in SMALL_SIZES if name not in NOT_DRAWN]
-    effect = str(rng.choice(names))
+    effect = str(rng.choice([name for name in SMALL_SIZES if name not in NOT_DRAWN]))
     own = tuple(constant for constant, (published, _) in PUBLISHED.items() if published == effect)
     car = draw_small_car(rng, lacking=own)
     while effect not in kinds_of_car(car.plant):
         car = draw_small_car(rng, lacking=own)
-    later = [log for log in range(LOGS) if DAY_OF[log] > 0]
-    affected = set(rng.choice(later, AFFECTED, replace=False).tolist()) if number < fleets else set()
-    while number < fleets and not any(DAY_OF[log] == 1 for log in affected):
-        affected = set(rng.choice(later, AFFECTED, replace=False).tolist())
     hidden = draw_small_effect(effect, car.plant, rng, SECONDS)
+    affected = _draw_affected(rng) if number < WITHOUT else []
     usual = SmallCase(
         "fleet", 0, (), seed=number, car=car, trust=TRUST, duration_s=SECONDS, rate_hz=100.0, command_hz=20.0
     )
     return [
-        replace(usual, number=log, concealed=(hidden,) if log in affected else (), driver=_driver(log))
+        replace(usual, number=log, concealed=(hidden,) if log in affected else (), driver=DRIVERS[log % len(DRIVERS)])
         for log in range(LOGS)
     ]
 
 
-def _driver(log: int) -> str:
-    """Who drives a log: each in turn."""
-    from bcid.simulation.room_drivers import DRIVERS
-
-    return list(DRIVERS)[log % len(DRIVERS)]
+def _draw_affected(rng: np.random.Generator) -> list[int]:
+    """The logs that have the effect: from the second day on, of which at least one has it."""
+    later = [log for log in range(LOGS) if DAY_OF[log] > 0]
+    while True:
+        affected: list[int] = rng.choice(later, AFFECTED, replace=False).tolist()
+        if any(DAY_OF[log] == 1 for log in affected):
+            return affected
 
 
 def diagnose_log(case: SmallCase) -> dict[str, Any]:
@@ -82,52 +83,54 @@ def diagnose_log(case: SmallCase) -> dict[str, Any]:
 
 def judge_fleet(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """What the logs of a fleet together say, beside the truth."""
-    logs = [LogEvidence.of_diagnosis(DiagnosisDocument.model_validate(row["diagnosis"])) for row in rows]
-    found = find_occurrences(logs, DAY_OF, [""] * LOGS)
-    truth = [effect for row in rows for effect in row["answer"]][:1]
-    first = found[0] if found else None
-    right = first is not None and [first.effect] == truth
+    days = [f"2026-11-{28 + day}" for day in DAY_OF]
+    logs = [
+        DiagnosedLog(f"log_{i}", LogLabel(day), DiagnosisDocument.model_validate(row["diagnosis"]))
+        for i, (day, row) in enumerate(zip(days, rows, strict=True))
+    ]
+    together = diagnose_together(logs, sorted(set(days)))
+    assert together is not None
+    truth, affected = {effect for row in rows for effect in row["answer"]}, [bool(row["answer"]) for row in rows]
+    first = together.effects[0] if together.effects else None
+    right = first is not None and {first.effect} == truth
+    count = sum(first.in_logs.values()) if first else 0.0
     return {
-        "truth": truth, "affected": [bool(row["answer"]) for row in rows],
+        "truth": sorted(truth), "affected": affected,
         "named": [[f["effect"] for f in row["diagnosis"]["findings"]] for row in rows],
-        "found": [[f.effect, round(f.nats, 1), f.day, round(f.share, 2), list(f.twins)] for f in found],
-        "in_logs": [round(float(p), 2) for p in first.in_logs] if first else [],
-        "effect": right, "or_twin": first is not None and truth[:1] and truth[0] in (first.effect, *first.twins),
-        "day": first is not None and first.day == 1,
-        "share": first is not None and abs(float(first.in_logs.sum()) - AFFECTED) <= 1.0,
-        "further": len(found) - 1 if right else len(found),
+        "effects": [e.model_dump(mode="json") for e in together.effects],
+        "effect": right, "effect_or_twin": first is not None and bool(truth & {first.effect, *first.twins}),
+        "day": first is not None and first.since == days[LOGS // DAYS],
+        "share": bool(first and first.share_ci90[0] <= SINCE <= first.share_ci90[1] and abs(count - AFFECTED) <= 1),
+        "further": max(len(together.effects) - 1, 0) if truth else len(together.effects),
+        "moved": [[m.symbol, m.day, round(m.change, 4), round(m.p_value, 5)] for m in together.moved],
     }  # fmt: skip
 
 
 def main() -> None:
-    """Diagnose what has no row yet, and judge the fleets that are complete."""
+    """Diagnose what has no row yet, and judge the fleets."""
     path, fleets = Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 20
     workers = int(sys.argv[3]) if len(sys.argv) > 3 else 1
-    rows: dict[str, dict[str, Any]] = {}
+    code, rows = code_digest(["bcid.diagnosis.summary", "bcid.simulation.room_drive"]), dict[str, dict[str, Any]]()
     for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
         entry = json.loads(line)
         rows[entry["key"]] = entry["row"]
-    jobs = [(number, log) for number in range(2 * fleets) for log in range(LOGS) if f"{number}-{log}" not in rows]
-
-    def prepare(job: tuple[int, int]) -> Callable[[], dict[str, Any]]:
-        """The diagnosis of one log."""
-        return partial(diagnose_log, draw_fleet(job[0], fleets)[job[1]])
-
-    for (number, log), row in run_jobs(jobs, prepare, workers) if jobs else ():
-        rows[f"{number}-{log}"] = row
+    numbers = [*range(fleets), *range(WITHOUT, WITHOUT + fleets)]
+    keys = {(number, log): f"{number}-{log}-{code}" for number in numbers for log in range(LOGS)}
+    jobs = [job for job, key in keys.items() if key not in rows]
+    for job, row in run_jobs(jobs, lambda job: partial(diagnose_log, draw_fleet(job[0])[job[1]]), workers):
+        rows[keys[job]] = row
         with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"key": f"{number}-{log}", "row": row}) + "\n")
-    judged = [judge_fleet([rows[f"{number}-{log}"] for log in range(LOGS)]) for number in range(2 * fleets)]
+            file.write(json.dumps({"key": keys[job], "row": row}) + "\n")
+    judged = [judge_fleet([rows[keys[number, log]] for log in range(LOGS)]) for number in numbers]
     with_one, without = judged[:fleets], judged[fleets:]
     figures = {
-        "fleets": fleets, "right": sum(f["effect"] and f["day"] and f["share"] for f in with_one),
-        "effect": sum(f["effect"] for f in with_one), "effect_or_twin": sum(bool(f["or_twin"]) for f in with_one),
-        "day": sum(f["day"] for f in with_one), "share": sum(f["share"] for f in with_one),
-        "further": sum(f["further"] for f in with_one), "without_any": sum(not f["found"] for f in without),
-        "each": judged,
+        "fleets": fleets, "code": code,
+        "right": sum(f["effect"] and f["day"] and f["share"] and not f["further"] for f in with_one),
+        **{name: sum(f[name] for f in with_one) for name in ("effect", "effect_or_twin", "day", "share", "further")},
+        "without_any": sum(not f["effects"] for f in without), "without_moved": sum(not f["moved"] for f in without),
     }  # fmt: skip
-    RESULT.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
-    sys.stdout.write(f"{ {k: v for k, v in figures.items() if k != 'each'} }\n")
+    RESULT.write_text(json.dumps({"figures": figures, "fleets": judged}, indent=1) + "\n", encoding="utf-8")
+    print(json.dumps(figures, indent=1))  # noqa: T201
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from bcid.errors import InputRefused
 from bcid.execution.cluster import Cluster
 from bcid.execution.jobs import Pool
 from bcid.execution.pool import WorkerPool
-from bcid.fleet.labels import LogLabel
+from bcid.fleet.labels import label_logs
 from bcid.fleet.logs import find_logs
 from bcid.fleet.run import run_fleet
 from bcid.fleet.tasks import FleetOrder
@@ -83,7 +83,9 @@ def run(
     progress: Callable[[float, str], None] = lambda share, text: None,
 ) -> FleetDocument:  # fmt: skip
     order = FleetOrder(config(lab, workspace), ("newton-euler",), diagnose=False)
-    return run_fleet(order, logs, [LogLabel("")] * len(logs), "bumper-car", pool or WorkerPool(2), progress)
+    return run_fleet(
+        order, logs, label_logs(logs, [log.stem for log in logs]), "bumper-car", pool or WorkerPool(2), progress
+    )
 
 
 def test_two_processes_make_what_single_commands_make_and_nothing_twice(
@@ -287,7 +289,7 @@ def test_a_log_is_diagnosed_as_a_single_command_does(lab: Path, logs: list[Path]
     alone = Pipeline(config(lab, tmp_path / "single", training=logs[:1]))
     page = alone.diagnosis_page(alone.diagnose())
     order = FleetOrder(config(lab, tmp_path / "work"), (), diagnose=True)
-    (row,) = run_fleet(order, logs[:1], [LogLabel("")], "bumper-car", WorkerPool(1)).logs
+    (row,) = run_fleet(order, logs[:1], label_logs(logs[:1], ["a"]), "bumper-car", WorkerPool(1)).logs
     assert (row.state, row.problems) == ("done", ())
     assert [(a.stage, a.key) for a in row.artifacts[-2:]] == [
         ("diagnose", alone.diagnose().key), ("diagnosis_page", page.key)

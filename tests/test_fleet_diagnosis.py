@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from bcid.documents.diagnosis import BaseModel, BaseParameter, DiagnosisDocument, NamedEffect, Quantity, Rival
-from bcid.documents.fleet import FleetDocument, FleetLog
+from bcid.documents.fleet import FleetDocument, FleetLog, MovedParameter
+from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused
 from bcid.fleet.labels import LogLabel, label_logs
 from bcid.fleet.log_evidence import LogEvidence
@@ -16,18 +17,20 @@ from bcid.fleet.moved import fit_days, reject_at_false_share
 from bcid.fleet.occurrences import Occurrence, find_occurrences
 from bcid.fleet.together import DiagnosedLog, diagnose_together
 from bcid.report.fleet_page import write_fleet_page
-from bcid.report.fleet_words import fleet_sentences
+from bcid.report.fleet_words import change_in_words, fleet_sentences
 
+ALL_DAYS = ("2026-11-28", "2026-11-29", "2026-11-30")
 DAYS = [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2]
 UNKNOWN_CARS = [""] * len(DAYS)
 HAVING = (5, 6, 9, 11)
-QUIET = dict.fromkeys((f"effect_{i}" for i in range(40)), -2.0)
+EFFECT, RIVAL, *REST = [name for name in EFFECTS if len(EFFECTS[name].parameters) == 1]
+QUIET = dict.fromkeys((EFFECT, RIVAL, *REST), -2.0)
 
 
 def log(named: dict[str, float] | None = None, **others: float) -> LogEvidence:
-    """The evidence of a log, in which effects that are not given add nothing."""
+    """The evidence of a log of 64 stretches, in which effects that are not given add nothing."""
     named = named or {}
-    return LogEvidence(named, {k: v for k, v in (QUIET | others).items() if k not in named}, {})
+    return LogEvidence(named, {k: v for k, v in (QUIET | others).items() if k not in named}, {}, 64)
 
 
 def fleet(having: LogEvidence, lacking: LogEvidence | None = None) -> list[LogEvidence]:
@@ -41,26 +44,35 @@ def find_one(logs: list[LogEvidence], cars: list[str] | None = None) -> Occurren
     return found
 
 
-def test_an_effect_since_a_day_is_found_with_its_share_and_its_logs() -> None:
-    found = find_one(fleet(log({"effect_3": 40.0})))
-    assert (found.effect, found.day) == ("effect_3", 1)
+@pytest.mark.parametrize("nats", [20.0, 800.0])
+def test_an_effect_since_a_day_is_found_with_its_share_and_its_logs(nats: float) -> None:
+    found = find_one(fleet(log({EFFECT: nats})))
+    assert (found.effect, found.day, found.twins) == (EFFECT, 1, ())
     assert found.day_probability > 0.8
     assert found.share_interval[0] < 0.5 < found.share_interval[1]
+    assert found.share == pytest.approx(0.5, abs=0.06)
+    assert float(found.in_logs.sum()) == pytest.approx(4.0, abs=0.5)
     assert [i for i, p in enumerate(found.in_logs) if p > 0.5] == list(HAVING)
 
 
 def test_what_no_log_shows_by_itself_several_show_together() -> None:
-    assert find_one(fleet(log(effect_3=8.0))).effect == "effect_3"
+    assert find_one(fleet(log(**{EFFECT: 8.0}))).effect == EFFECT
 
 
 @pytest.mark.parametrize("nats", [8.0, 1000.0])
 def test_a_single_log_is_no_evidence_for_a_fleet(nats: float) -> None:
-    logs = [log({"effect_3": nats}), *[log()] * (len(DAYS) - 1)]
+    logs = [log({EFFECT: nats}), *[log()] * (len(DAYS) - 1)]
     assert not find_occurrences(logs, DAYS, UNKNOWN_CARS)
 
 
+def test_two_logs_among_many_that_cannot_say_are_not_enough() -> None:
+    silent = LogEvidence({}, {k: v for k, v in QUIET.items() if k != EFFECT}, {}, 64)
+    found = find_occurrences([log({EFFECT: 30.0})] * 2 + [log()] * 2 + [silent] * 8, DAYS, UNKNOWN_CARS)
+    assert not found
+
+
 def test_logs_that_show_one_effect_each_show_none_together() -> None:
-    logs = [log({f"effect_{i}": 30.0}) for i in range(len(DAYS))]
+    logs = [log({name: 30.0}) for name in REST[: len(DAYS)]]
     assert not find_occurrences(logs, DAYS, UNKNOWN_CARS)
 
 
@@ -68,56 +80,80 @@ def test_chance_in_every_log_is_no_effect() -> None:
     rng = np.random.default_rng(5)
     told = 0
     for _ in range(40):
-        # half the square of a normal number, less what a parameter costs
-        chance = [dict(zip(QUIET, 0.5 * rng.normal(size=40) ** 2 - 2.0, strict=True)) for _ in DAYS]
-        told += bool(find_occurrences([LogEvidence({}, c, {}) for c in chance], DAYS, UNKNOWN_CARS))
+        # half the square of a normal number, less what a parameter costs; of some effects a log says nothing
+        chance = [
+            {name: 0.5 * rng.normal() ** 2 - 2.0 for name in QUIET if rng.random() < 0.8} for _ in DAYS
+        ]  # fmt: skip
+        told += bool(find_occurrences([LogEvidence({}, c, {}, 64) for c in chance], DAYS, UNKNOWN_CARS))
     assert told <= 1
 
 
 def test_an_effect_of_all_days_is_not_since_a_later_one() -> None:
-    found = find_one([log({"effect_3": 20.0})] * len(DAYS))
+    found = find_one([log({EFFECT: 20.0})] * len(DAYS))
     assert found.day == 0
     assert found.share > 0.9
 
 
-def test_of_two_effects_that_explain_the_same_the_likelier_in_all_logs_is_told_and_the_other_never_a_second_time() -> (
-    None
-):
-    close = log(effect_3=12.0, effect_4=11.0)
-    apart = log(effect_3=12.0, effect_4=2.0)
+def test_of_two_that_stand_for_each_other_the_likelier_in_all_logs_is_found_and_the_other_never_a_second_time() -> None:
+    close, apart = log(**{EFFECT: 12.0, RIVAL: 11.0}), log(**{EFFECT: 12.0, RIVAL: 2.0})
     found = find_one([apart if i in HAVING[:3] else close if i in HAVING else log() for i in range(len(DAYS))])
-    assert found.effect == "effect_3"
-    assert not found.twins
-    assert find_one(fleet(close)).twins == ("effect_4",)
+    assert (found.effect, found.twins) == (EFFECT, ())
+    assert find_one(fleet(close)).twins == (RIVAL,)
+
+
+@pytest.mark.parametrize("nats", [40.0, 400.0, 800.0])
+def test_a_listed_rival_of_what_is_certain_is_no_second_effect(nats: float) -> None:
+    others = {k: v for k, v in QUIET.items() if k != EFFECT}
+    sure = LogEvidence({EFFECT: nats}, others, {(EFFECT, RIVAL): nats - 20.0}, 64)
+    assert find_one(fleet(sure)).effect == EFFECT
 
 
 def test_a_log_that_names_the_rival_still_counts_for_what_the_others_show() -> None:
-    mistaken = LogEvidence(
-        {"effect_4": 20.0}, {k: v for k, v in QUIET.items() if k != "effect_4"}, {("effect_4", "effect_3"): 18.0}
-    )
-    logs = fleet(log({"effect_3": 20.0}))
-    logs[HAVING[0]] = mistaken
+    others = {k: v for k, v in QUIET.items() if k != RIVAL}
+    logs = fleet(log({EFFECT: 20.0}))
+    logs[HAVING[0]] = LogEvidence({RIVAL: 20.0}, others, {(RIVAL, EFFECT): 18.0}, 64)
     found = find_one(logs)
-    assert found.effect == "effect_3"
+    assert found.effect == EFFECT
     assert found.in_logs[HAVING[0]] > 0.5
 
 
-def test_two_effects_that_logs_name_beside_each_other_are_both_found() -> None:
-    found = find_occurrences(fleet(log({"effect_3": 30.0, "effect_4": 25.0})), DAYS, UNKNOWN_CARS)
-    assert {f.effect for f in found} == {"effect_3", "effect_4"}
+@pytest.mark.parametrize(("one", "other"), [(30.0, 29.0), (30.0, 25.0), (60.0, 12.0)])
+def test_two_effects_that_logs_name_beside_each_other_are_both_found(one: float, other: float) -> None:
+    found = find_occurrences(fleet(log({EFFECT: one, RIVAL: other})), DAYS, UNKNOWN_CARS)
+    assert {f.effect for f in found} == {EFFECT, RIVAL}
+    assert not any(f.twins for f in found)
+
+
+def test_two_effects_in_different_logs_are_both_found_each_in_its_own() -> None:
+    logs = [log({EFFECT: 30.0}) if 4 <= i < 8 else log({RIVAL: 30.0}) if i >= 8 else log() for i in range(len(DAYS))]
+    found = {f.effect: f for f in find_occurrences(logs, DAYS, UNKNOWN_CARS)}
+    assert set(found) == {EFFECT, RIVAL}
+    assert [i for i, p in enumerate(found[RIVAL].in_logs) if p > 0.5] == [8, 9, 10, 11]
+    assert found[RIVAL].day == 2
+    assert not any(f.twins for f in found.values())
+
+
+def test_what_is_named_beside_something_that_only_one_log_has_counts_in_full() -> None:
+    logs = fleet(log())
+    for i, once in zip(HAVING, REST, strict=False):
+        logs[i] = log({EFFECT: 30.0, once: 60.0})
+    assert find_one(logs).effect == EFFECT
+
+
+def test_a_log_that_shows_much_less_than_others_speaks_against_an_effect() -> None:
+    assert log().at_size(-2.0, EFFECT, 200.0) < -50.0
+    assert log().at_size(180.0, EFFECT, 200.0) == pytest.approx(180.0, abs=1.0)
 
 
 def test_where_the_cars_are_known_the_logs_of_one_stand_together() -> None:
     cars = ["a", "b", "c", "c"] * 3
-    # the car a has it from the second day on, but one of its logs hardly shows it
-    logs = [log({"effect_3": 30.0}) if c == "a" and d else log() for c, d in zip(cars, DAYS, strict=True)]
-    in_one = find_occurrences(logs, DAYS, cars)
-    logs = [log(effect_3=9.0) if c in "ab" and d else log() for c, d in zip(cars, DAYS, strict=True)]
-    logs[4] = log(effect_3=0.0)
+    logs = [log(**{EFFECT: 9.0}) if c in "ab" and d else log() for c, d in zip(cars, DAYS, strict=True)]
+    logs[4] = log(**{EFFECT: 0.0})  # of the car a
     found = find_one(logs, cars)
-    assert not in_one or in_one[0].in_logs[0] < 0.5
     assert found.day == 1
     assert found.in_logs[4] > 0.5 > found.in_logs[6]
+    # without the cars each log stands for itself
+    assert find_one(logs).in_logs[4] < found.in_logs[4] - 0.1
 
 
 def test_a_parameter_that_moved_is_told_with_an_interval_that_holds() -> None:
@@ -129,10 +165,22 @@ def test_a_parameter_that_moved_is_told_with_an_interval_that_holds() -> None:
         model = fit_days(x, se, DAYS, UNKNOWN_CARS)
         assert model is not None
         second, third = model.changes
-        held += abs(third.change - 0.1) < third.half_width
+        held += third.interval()[0] < 0.1 < third.interval()[1]
         false_alarms += second.p_value < 0.05
     assert 0.91 < held / repeats < 0.985
     assert false_alarms / repeats < 0.09
+
+
+@pytest.mark.parametrize("level", [0.05, 0.01])
+def test_with_uneven_errors_false_alarms_are_as_rare_as_they_say(level: float) -> None:
+    rng = np.random.default_rng(6)
+    alarms, repeats = 0, 1500
+    for _ in range(repeats):
+        se = 0.02 * np.exp(rng.normal(size=len(DAYS)))
+        model = fit_days(rng.normal(0.0, 0.02, len(DAYS)) + rng.normal(0.0, se), se, DAYS, UNKNOWN_CARS)
+        assert model is not None
+        alarms += model.changes[0].p_value < level
+    assert alarms / repeats < 1.6 * level
 
 
 def test_cars_differ_without_a_day_being_another() -> None:
@@ -143,8 +191,20 @@ def test_cars_differ_without_a_day_being_another() -> None:
     without = fit_days(x, np.full(len(x), 0.02), DAYS, UNKNOWN_CARS)
     assert with_cars is not None
     assert without is not None
-    assert all(abs(change.change) < 0.1 for change in with_cars.changes)
+    assert all(abs(change.value) < 0.1 for change in with_cars.changes)
     assert without.tau > 10.0 * with_cars.tau
+
+
+def test_a_day_on_which_another_car_drove_is_not_compared() -> None:
+    cars = ["a"] * 8 + ["b"] * 4
+    x = np.array([1.0] * 8 + [1.2] * 4) + 0.01 * np.arange(12) % 3
+    model = fit_days(x, np.full(12, 0.01), DAYS, cars)
+    assert model is not None
+    assert [change.day for change in model.changes] == [1]
+    assert (
+        fit_days(x[4:], np.full(8, 0.01), DAYS[4:], cars[4:]) is None
+        or not fit_days(x[4:], np.full(8, 0.01), DAYS[4:], cars[4:]).changes
+    )  # type: ignore[union-attr]
 
 
 def test_too_few_logs_for_a_comparison_give_none() -> None:
@@ -171,18 +231,39 @@ def test_false_rejections_are_few_among_many_hypotheses() -> None:
         (["monday/one.csv", "tuesday/one.csv"], ["monday", "tuesday"]),
         (["one.csv", "two.csv"], ["", ""]),
         (["a/2026-11-28.csv", "b/other.csv"], ["a", "b"]),
+        (["2026-01-01_campaign/monday/x.csv", "2026-01-01_campaign/tuesday/x.csv"], ["monday", "tuesday"]),
+        (["20261128101502.mcap", "20261129101502.mcap"], ["2026-11-28", "2026-11-29"]),
+        (["friday/one.csv", "monday/one.csv"], ["friday", "monday"]),
     ],
 )
 def test_days_are_read_from_names_and_folders(tmp_path: Path, paths: list[str], days: list[str]) -> None:
     labels = label_logs([tmp_path / p for p in paths], [Path(p).stem for p in paths])
-    assert [label.day for label in labels] == days
+    assert [label.day for label in labels.of_logs] == days
+    assert list(labels.days) == list(dict.fromkeys(days))
 
 
 def test_a_table_says_day_and_car(tmp_path: Path) -> None:
     table = tmp_path / "fleet.csv"
     table.write_text("log,day,car\none.csv,2026-11-28,red\ntwo,2026-11-29,blue\n", encoding="utf-8")
     labels = label_logs([tmp_path / "one.csv", tmp_path / "two.csv"], ["one", "two"], table)
-    assert labels == [LogLabel("2026-11-28", "red"), LogLabel("2026-11-29", "blue")]
+    assert labels.of_logs == (LogLabel("2026-11-28", "red"), LogLabel("2026-11-29", "blue"))
+    assert labels.describe() == "days 2026-11-28 (1), 2026-11-29 (1); 2 cars"
+
+
+def test_days_that_are_no_dates_come_in_the_order_of_the_table(tmp_path: Path) -> None:
+    table = tmp_path / "fleet.csv"
+    table.write_text("Log, Day\ntwo,monday\n\none,friday\n", encoding="utf-8")
+    labels = label_logs([tmp_path / "one.csv", tmp_path / "two.csv"], ["one", "two"], table)
+    assert labels.days == ("monday", "friday")
+    assert [label.day for label in labels.of_logs] == ["friday", "monday"]
+
+
+def test_a_name_that_two_logs_share_is_refused(tmp_path: Path) -> None:
+    table = tmp_path / "fleet.csv"
+    table.write_text("log,day\none.csv,monday\n", encoding="utf-8")
+    logs = [tmp_path / "a" / "one.csv", tmp_path / "b" / "one.csv"]
+    with pytest.raises(InputRefused, match="several logs"):
+        label_logs(logs, ["a/one", "b/one"], table)
 
 
 @pytest.mark.parametrize(
@@ -193,6 +274,8 @@ def test_a_table_says_day_and_car(tmp_path: Path) -> None:
         ("log,day\none,a\none,b\n", "line 3"),
         ("log,day\none,a\n", "nothing of two"),
         ("", "no column log"),
+        ("log,day,day\none,a,b\n", "several columns day"),
+        ("log,day\none,a\n\n\ntwo,\n", "line 5"),
     ],
 )
 def test_a_table_that_says_too_little_is_refused(tmp_path: Path, text: str, cause: str) -> None:
@@ -203,50 +286,84 @@ def test_a_table_that_says_too_little_is_refused(tmp_path: Path, text: str, caus
 
 
 def diagnosed(i: int, K_t: float) -> DiagnosedLog:
-    """One of twelve logs, with a motor constant; those in HAVING have a slope."""
-    findings = (
-        NamedEffect(effect="floor_slope", gain_nats=30.0, parameters={"g": Quantity(value=0.06, se=0.004, unit="1")}),
-    )
-    rivals = (Rival(effects=("rough_patch",), behind_nats=12.0),)
+    """One of twelve logs, with a motor constant; those in HAVING have a rough patch somewhere."""
+    has_it = i in HAVING
+    patch = {"b": Quantity(value=30.0, se=1.0, unit="kg s^-1"), "x": Quantity(value=1.0 + i, se=0.01, unit="m")}
     document = DiagnosisDocument(
-        verdict="named" if i in HAVING else "nothing-found", findings=findings if i in HAVING else (),
-        rivals=rivals if i in HAVING else (), others_nats=QUIET if i in HAVING else QUIET | {"floor_slope": -2.0},
+        verdict="named" if has_it else "nothing-found",
+        findings=(NamedEffect(effect="rough_patch", gain_nats=30.0, parameters=patch),) if has_it else (),
+        rivals=(Rival(effects=("floor_slope",), behind_nats=12.0),) if has_it else (), stretches=64,
+        others_nats={k: v for k, v in (QUIET | {"rough_patch": -6.0}).items() if k != "rough_patch" or not has_it},
         base=BaseModel(parameters=(BaseParameter(symbol="K_t", value=K_t, se=0.02, unit="kg s^-1"),)),
     )  # fmt: skip
-    return DiagnosedLog(f"log_{i}", LogLabel(f"2026-11-{28 + DAYS[i]}"), document)
+    return DiagnosedLog(f"log_{i}", LogLabel(ALL_DAYS[DAYS[i]]), document)
+
+
+def fleet_document(logs: list[DiagnosedLog], days: tuple[str, ...] = ALL_DAYS) -> FleetDocument:
+    """The document of a fleet."""
+    rows = tuple(FleetLog(name=x.name, file=x.name, state="done", day=x.label.day) for x in logs)
+    together = diagnose_together(logs, days)
+    return FleetDocument(vehicle="car", models=("newton-euler",), diagnosed=True, logs=rows, together=together)
 
 
 def test_diagnoses_are_put_into_words_and_on_a_page(tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     logs = [diagnosed(i, 2.0 * (1.1 if DAYS[i] == 2 else 1.0) + 0.02 * rng.normal()) for i in range(len(DAYS))]
-    together = diagnose_together(logs)
+    document = fleet_document(logs, (*ALL_DAYS, "2026-12-01"))
+    together = document.together
     assert together is not None
-    assert [e.effect for e in together.effects] == ["floor_slope"]
+    assert [e.effect for e in together.effects] == ["rough_patch"]
     (moved,) = together.moved
     assert (moved.symbol, moved.day, moved.beside) == ("K_t", "2026-11-30", "2026-11-28")
-    assert moved.ci95[0] < 0.1 < moved.ci95[1]
-    assert [p.symbol for p in together.parameters] == ["K_t", "floor_slope.g"]
-    rows = tuple(FleetLog(name=x.name, file=x.name, state="done", day=x.label.day) for x in logs)
-    document = FleetDocument(vehicle="car", models=("newton-euler",), diagnosed=True, logs=rows, together=together)
-    first, second, third = fleet_sentences(document)
-    assert first.startswith("Floor slope is there since 2026-11-29")
-    assert second == "2026-11-29: the car of 2026-11-28, but for floor slope."
-    assert third.startswith("2026-11-30: the car of 2026-11-28, but for K_t +")
+    assert moved.interval[0] < 0.1 < moved.interval[1]
+    # where the patch is, is no size
+    assert [p.symbol for p in together.parameters] == ["K_t", "rough_patch.b"]
+    first, second, third, fourth = fleet_sentences(document)
+    assert first.startswith("Rough patch is there since 2026-11-29")
+    assert second == "2026-11-29: the cars of 2026-11-28, but for rough patch."
+    assert third.startswith("2026-11-30: the cars of 2026-11-28, but for rough patch and K_t +")
+    assert fourth == "2026-12-01: no log was diagnosed."
     page = tmp_path / "fleet.html"
     write_fleet_page(document, page)
     text = page.read_text(encoding="utf-8")
-    assert text.count("<svg") == 3  # the effect's logs, and a strip each for K_t and the slope
+    assert text.count("<svg") == 3  # the effect's logs, and a strip each for K_t and the patch
     document.write(tmp_path / "fleet.json")
     assert FleetDocument.read(tmp_path / "fleet.json") == document
 
 
-def test_a_log_that_cannot_say_is_not_listed() -> None:
+def test_a_log_that_cannot_say_is_not_listed_and_leaves_a_gap_on_the_page(tmp_path: Path) -> None:
     logs = [diagnosed(i, 2.0) for i in range(len(DAYS))]
     silent = logs[0].document.model_copy(update={"others_nats": QUIET})
-    together = diagnose_together([logs[0]._replace(document=silent), *logs[1:]])
+    document = fleet_document([logs[0]._replace(document=silent), *logs[1:]])
+    assert document.together is not None
+    assert sorted(document.together.effects[0].in_logs) == sorted(f"log_{i}" for i in range(1, len(DAYS)))
+    write_fleet_page(document, tmp_path / "fleet.html")
+
+
+def test_an_effect_that_a_log_has_without_naming_it_has_no_size_over_days() -> None:
+    logs = [diagnosed(i, 2.0) for i in range(len(DAYS))]
+    weak = logs[HAVING[0]].document.model_copy(
+        update={"findings": (), "rivals": (), "others_nats": QUIET | {"rough_patch": 25.0}}
+    )
+    logs[HAVING[0]] = logs[HAVING[0]]._replace(document=weak)
+    together = diagnose_together(logs, ALL_DAYS)
     assert together is not None
-    assert sorted(together.effects[0].in_logs) == sorted(f"log_{i}" for i in range(1, len(DAYS)))
+    assert together.effects[0].in_logs[f"log_{HAVING[0]}"] > 0.5
+    assert [p.symbol for p in together.parameters] == ["K_t"]
+
+
+def test_a_change_in_either_sign_is_told_with_its_interval() -> None:
+    moved = MovedParameter(
+        symbol="steering_offset.o", day="b", beside="a", change=-0.02, se=0.004, interval=(-0.03, -0.01),
+        relative=False, unit="rad", p_value=1e-4,
+    )  # fmt: skip
+    assert change_in_words(moved) == "o of steering offset −0.020 rad (−0.030 to −0.010 rad)"
+
+
+def test_numbers_that_are_none_do_not_count() -> None:
+    document = diagnosed(5, 2.0).document.model_copy(update={"others_nats": QUIET | {EFFECT: float("nan")}})
+    assert EFFECT not in LogEvidence.of_diagnosis(document).effects
 
 
 def test_one_diagnosed_log_says_nothing_of_a_fleet() -> None:
-    assert diagnose_together([diagnosed(0, 2.0)]) is None
+    assert diagnose_together([diagnosed(0, 2.0)], ALL_DAYS) is None

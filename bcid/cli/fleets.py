@@ -11,7 +11,7 @@ import typer
 from bcid.cli import options
 from bcid.cli.completion import complete_fittable_models
 from bcid.cli.options import Format
-from bcid.errors import PartLost
+from bcid.errors import PartLost, UsageError
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -94,7 +94,8 @@ def fleet(
     work.refuse_untrainable(models)
     names = name_takes(listed.logs)
     labelled = label_logs(listed.logs, [names[log] for log in listed.logs], labels)
-    compared = str(Path(simulation).absolute()) if simulation and Path(simulation).exists() else simulation
+    compared = _place_everywhere(simulation, diagnose)
+    sink.note(labelled.describe())
     refuse_to_renew(config.workspace, [FLEET_FILE, FLEET_PAGE], force)
     with sink.stage(f"fleet of {len(listed.logs)}") as progress:
         order = FleetOrder(config, models, diagnose, compared)
@@ -104,6 +105,26 @@ def fleet(
     sink.result(document.as_json(), lambda: _tables(document, config.workspace))
     sink.note(f"page: {config.workspace / FLEET_PAGE}")
     _raise_what_failed(document)
+
+
+def _place_everywhere(simulation: str | None, diagnose: bool) -> str | None:
+    """What logs are compared with, by a path that holds in every process; a module keeps its name.
+
+    Raises:
+        UsageError: nothing is compared, or there is no such file, folder or module.
+    """
+    from bcid.pipeline.cuts import without_cut
+
+    if simulation is None:
+        return None
+    if not diagnose:
+        raise UsageError("--simulation is compared with by diagnoses\n  next: leave it or --no-diagnose out")
+    path = Path(simulation)
+    if without_cut(path).exists():
+        return str(path.absolute())
+    if ":" not in simulation:
+        raise UsageError(f"--simulation {simulation}: there is no such file or folder\n  next: check the path")
+    return simulation
 
 
 def _list_names(paths: Sequence[Path]) -> str:

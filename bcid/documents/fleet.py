@@ -88,11 +88,11 @@ class LogValue(Part):
 
 
 class DayValue(Part):
-    """The mean of a parameter over the logs of a day, or the cars, with its standard error."""
+    """The mean of a parameter over the logs of a day, or the cars."""
 
     day: str
     mean: float
-    se: float
+    ci95: Interval
 
 
 class MovedParameter(Part):
@@ -100,10 +100,10 @@ class MovedParameter(Part):
 
     symbol: str
     day: str
-    beside: str  # the first day
+    beside: str  # the first day on which it is known
     change: float  # a share of the value, or in its unit where it may have either sign
     se: float
-    ci95: Interval
+    interval: Interval  # such that 95 % of those hold that are reported
     relative: bool
     unit: str = ""
     p_value: float  # of no change
@@ -122,7 +122,8 @@ class FleetParameter(Part):
 class FleetDiagnosis(Part):
     """What the diagnoses of all logs say together."""
 
-    days: tuple[str, ...]
+    days: tuple[str, ...]  # with diagnosed logs, in their order
+    without: tuple[str, ...] = ()  # days of which no log was diagnosed
     effects: tuple[FleetEffect, ...] = ()
     moved: tuple[MovedParameter, ...] = ()  # the most certain first
     parameters: tuple[FleetParameter, ...] = ()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import os
 import re
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -11,69 +13,125 @@ from typing import NamedTuple
 from bcid.errors import InputRefused
 from bcid.pipeline.cuts import without_cut
 
-DATE = re.compile(r"(?<!\d)(20\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])(?!\d)")
-"""A date with the year first, as in Take 2026-11-28 10.01.02 AM.csv."""
+DATE = re.compile(r"(?<!\d)(20\d\d)([-_.]?)(0[1-9]|1[0-2])\2(0[1-9]|[12]\d|3[01])(?:(?=\d{6}(?!\d))|(?!\d))")
+"""A date with the year first, as in Take 2026-11-28 10.01.02 AM.csv and 20261128101502.mcap."""
 LOG, DAY, CAR = "log", "day", "car"
 
 
 class LogLabel(NamedTuple):
     """When a log was driven, and by which car."""
 
-    day: str  # "" where it is not known; days come in the order of their text
+    day: str  # "" where it is not known
     car: str = ""  # "" where it is not known
 
 
-def label_logs(logs: Sequence[Path], names: Sequence[str], table: Path | None = None) -> list[LogLabel]:
-    """The label of each log, which is called by one of `names`.
+class FleetLabels(NamedTuple):
+    """The labels of all logs of a fleet, and its days in their order."""
 
-    Without a `table` a day is the date in the log's name or in that of a folder above it, the year first; where any log
-    has none, it is the folder if logs lie in several, and unknown otherwise.  The car is then unknown.
+    of_logs: tuple[LogLabel, ...]
+    days: tuple[str, ...]
+
+    def describe(self) -> str:
+        """The days and how many logs each has, and how many cars there are."""
+        counts = Counter(label.day for label in self.of_logs)
+        if self.days == ("",):
+            text = "days unknown, all logs count as of one"
+        else:
+            text = "days " + ", ".join(f"{day} ({counts[day]})" for day in self.days)
+        cars = {label.car for label in self.of_logs}
+        return text + (f"; {len(cars)} cars" if cars != {""} else "")
+
+
+def label_logs(logs: Sequence[Path], names: Sequence[str], table: Path | None = None) -> FleetLabels:
+    """The labels of logs, which are called by `names`, and the order of their days.
+
+    Without a `table` a day is the date in the log's name, or in that of a folder above it that not all logs share, the
+    year first; where any log has none, it is the folder if logs lie in several, and unknown otherwise.  The car is then
+    unknown.  Dates come in their order, other days in that of the table's lines or of the logs.
 
     Raises:
-        InputRefused: the table cannot be read, or says nothing of a log, or of a log twice.
+        InputRefused: the table cannot be read, or says nothing of a log, or of a log twice, or of two by one name.
     """
     if table is not None:
         rows = _read_table(table)
-        return [_find_row(rows, log, name, table) for log, name in zip(logs, names, strict=True)]
-    files = [without_cut(log).absolute() for log in logs]
-    days = [_find_date(file) for file in files]
-    if not all(days):
-        folders = [file.parent.name for file in files]
-        days = folders if len(set(folders)) > 1 else [""] * len(files)
-    return [LogLabel(day) for day in days]
+        labels = [_find_row(rows, logs, names, number, table) for number in range(len(logs))]
+        lines = [label.day for label in rows.values()]
+    else:
+        labels = [LogLabel(day) for day in _days_of_names([without_cut(log).absolute() for log in logs])]
+        lines = [label.day for label in labels]
+    driven = {label.day for label in labels}
+    days = [day for day in dict.fromkeys(lines) if day in driven]
+    if all(DATE.fullmatch(day) for day in days):
+        days.sort()
+    return FleetLabels(tuple(labels), tuple(days))
 
 
-def _find_date(file: Path) -> str:
-    """The date in the name of a file or, nearest first, of a folder above it; "" if there is none."""
-    found = (DATE.search(part) for part in reversed(file.parts))
-    return next(("-".join(match.groups()) for match in found if match), "")
+def _days_of_names(files: Sequence[Path]) -> list[str]:
+    """The days of logs by their names and folders."""
+    shared = len(Path(os.path.commonpath([file.parent for file in files])).parts)
+    days = [_find_date(file.parts[shared:]) for file in files]
+    if all(days):
+        return days
+    folders = [file.parent.name for file in files]
+    return folders if len(set(folders)) > 1 else [""] * len(files)
+
+
+def _find_date(parts: Sequence[str]) -> str:
+    """The date in the last of the names in a path that has one; "" if none has."""
+    found = (DATE.search(part) for part in reversed(parts))
+    return next((f"{match[1]}-{match[3]}-{match[4]}" for match in found if match), "")
 
 
 def _read_table(table: Path) -> dict[str, LogLabel]:
     """The labels in a CSV table, by log."""
+    labels = dict[str, LogLabel]()
     try:
         with table.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file, skipinitialspace=True)
-            rows, columns = list(reader), reader.fieldnames or ()
+            lines = csv.reader(file, skipinitialspace=True)
+            columns = _find_columns([name.strip().lower() for name in next(lines, [])], table)
+            for cells in lines:
+                if any(cell.strip() for cell in cells):
+                    log, label = _read_line(cells, columns, f"line {lines.line_num}", table)
+                    if log in labels:
+                        cause = f"{log} was there before"
+                        raise InputRefused(table, f"line {lines.line_num}", cause, "name each log once")
+                    labels[log] = label
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputRefused(table, "labels", str(error), "name a CSV table with the columns log, day and car") from error
-    if missing := [name for name in (LOG, DAY) if name not in columns]:
-        cause = f"has no column {' and no column '.join(missing)}, but {', '.join(columns) or 'none at all'}"
-        raise InputRefused(table, "header", cause, f"call its columns {LOG}, {DAY} and, where several drove, {CAR}")
-    found = dict[str, LogLabel]()
-    for number, row in enumerate(rows, start=2):
-        log, day = ((row[name] or "").strip() for name in (LOG, DAY))
-        if not log or not day:
-            raise InputRefused(table, f"line {number}", "says no log or no day", "fill in both, or leave the line out")
-        if log in found:
-            raise InputRefused(table, f"line {number}", f"{log} was there before", "name each log once")
-        found[log] = LogLabel(day, (row.get(CAR) or "").strip())
-    return found
+    return labels
 
 
-def _find_row(rows: dict[str, LogLabel], log: Path, name: str, table: Path) -> LogLabel:
-    """The row of a log, which a table calls by its name, its file's name or its path."""
-    for called in (name, log.name, str(log), log.stem):
+def _find_columns(header: Sequence[str], table: Path) -> dict[str, int]:
+    """Indices of the columns of log, day and, where it is there, car."""
+    next_step = f"call its columns {LOG}, {DAY} and, where several drove, {CAR}"
+    if twice := [name for name in (LOG, DAY, CAR) if header.count(name) > 1]:
+        raise InputRefused(table, "header", f"has several columns {twice[0]}", next_step)
+    if missing := [name for name in (LOG, DAY) if name not in header]:
+        cause = f"has no column {' and no column '.join(missing)}, but {', '.join(header) or 'none at all'}"
+        raise InputRefused(table, "header", cause, next_step)
+    return {name: header.index(name) for name in (LOG, DAY, CAR) if name in header}
+
+
+def _read_line(cells: Sequence[str], columns: dict[str, int], place: str, table: Path) -> tuple[str, LogLabel]:
+    """Log and label of a line of a table."""
+    said = {name: cells[i].strip() if i < len(cells) else "" for name, i in columns.items()}
+    if not said[LOG] or not said[DAY]:
+        raise InputRefused(table, place, "says no log or no day", "fill in both, or leave the line out")
+    return said[LOG], LogLabel(said[DAY], said.get(CAR, ""))
+
+
+def _find_row(
+    rows: dict[str, LogLabel], logs: Sequence[Path], names: Sequence[str], number: int, table: Path
+) -> LogLabel:
+    """The label of a log, which a table calls by its name in the fleet, its path, or its file's name."""
+    log, name = logs[number], names[number]
+    for called in (name, str(log)):
         if called in rows:
             return rows[called]
-    raise InputRefused(table, "labels", f"says nothing of {name}", f"add a line for it: {log.name}, DAY, CAR")
+    for short in (log.name, log.stem):
+        if short not in rows:
+            continue
+        if sum(short in (other.name, other.stem) for other in logs) > 1:
+            raise InputRefused(table, "labels", f"{short} may be several logs", f"call this one {name}")
+        return rows[short]
+    raise InputRefused(table, "labels", f"says nothing of {name}", f"add a line for it: {name}, DAY, CAR")

@@ -1,36 +1,71 @@
-"""What the diagnosis of one log says of effects and parameters, as a fleet takes it."""
+"""What the diagnosis of one log says of effects, as a fleet takes it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import NamedTuple
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 from bcid.documents.diagnosis import DiagnosisDocument
+from bcid.effects.table import EFFECTS
+from bcid.likelihood.price import price_nats
 
 
-class LogEvidence(NamedTuple):
+@dataclass(frozen=True)
+class LogEvidence:
     """What the diagnosis of one log says of effects, in nats."""
 
     named: Mapping[str, float]  # that each finding adds
     others: Mapping[str, float]  # that each other effect would add beside the findings
     instead: Mapping[tuple[str, str], float]  # by a finding and another effect: that this adds in its place
+    stretches: int = 1  # of the log, which say what a parameter of an effect costs
+    unseen: frozenset[str] = frozenset()  # effects that the drive does not excite
 
     @classmethod
     def of_diagnosis(cls, document: DiagnosisDocument) -> LogEvidence:
         """The evidence in a diagnosis.json; its rivals have one finding exchanged for another effect each."""
-        named = {f.effect: float(f.gain_nats or 0.0) for f in document.findings}
+        named = _finite((f.effect, f.gain_nats) for f in document.findings)
         instead = dict[tuple[str, str], float]()
         for rival in document.rivals:
             out, into = set(named) - set(rival.effects), set(rival.effects) - set(named)
             if len(out) == len(into) == 1:
                 (finding,), (other,) = out, into
-                instead[finding, other] = named[finding] - rival.behind_nats
-        return cls(named, document.others_nats, instead)
+                instead |= {(finding, other): named[finding] - rival.behind_nats}
+        unseen = frozenset(each.effect for each in document.not_excited)
+        return cls(named, _finite(document.others_nats.items()), instead, document.stretches or 1, unseen)
 
-    def nats(self, effect: str) -> float | None:
-        """What an effect adds, beside the findings or in the place of one; None where the log cannot say."""
-        own = [table[effect] for table in (self.named, self.others) if effect in table]
-        return max([*own, *(nats for (_, other), nats in self.instead.items() if other == effect)], default=None)
+    @property
+    def effects(self) -> set[str]:
+        """The effects of which the log says something: those that it names, and those that its drive excites."""
+        said = {*self.others, *(other for _, other in self.instead)}
+        return {*self.named, *(said - self.unseen)}
+
+    def beside(self, effect: str) -> float:
+        """Nats that an effect adds to the log with all other findings; -inf where the log does not say."""
+        return self.named.get(effect, self.others.get(effect, -math.inf))
+
+    def in_place(self, effect: str) -> dict[str, float]:
+        """Nats that an effect adds in the place of a finding, by that."""
+        return {finding: nats for (finding, other), nats in self.instead.items() if other == effect}
+
+    def best(self, effect: str) -> float:
+        """Nats that an effect adds at most, beside the findings or in the place of one."""
+        return max(self.beside(effect), *self.in_place(effect).values(), -math.inf)
+
+    def at_size(self, nats: float, effect: str, usual: float) -> float:
+        """Nats of an effect at the size at which it adds `usual` nats to other logs, where it adds `nats` at its own.
+
+        Of a log-likelihood -(a - a_i)^2/(2 s^2) of the size a, z^2/2 = a_i^2/(2 s^2) is what the own size adds before
+        its price, and G = a^2/(2 s^2) what the other logs' size would; at that the log gains 2 sqrt(G z^2/2) - G.
+        """
+        price = self.price(effect)
+        own, G = max(nats + price, 0.0), max(usual + price, 0.0)
+        return min(nats, 2.0 * math.sqrt(G * own) - G)
+
+    def price(self, effect: str) -> float:
+        """Nats that the parameters of an effect cost."""
+        parameters = len(EFFECTS[effect].parameters) if effect in EFFECTS else 1
+        return price_nats(parameters, self.stretches)
 
     def are_alternatives(self, one: str, other: str) -> bool:
         """Whether the log shows one of two effects or the other, but does not say that it has both."""
@@ -38,3 +73,8 @@ class LogEvidence(NamedTuple):
             return False
         neither = one not in self.named and other not in self.named
         return neither or (one, other) in self.instead or (other, one) in self.instead
+
+
+def _finite(pairs: Iterable[tuple[str, float | None]]) -> dict[str, float]:
+    """Nats by effect, without those that are no number."""
+    return {name: float(nats) for name, nats in pairs if nats is not None and math.isfinite(nats)}

@@ -6,7 +6,8 @@ A parameter x of log i, fitted with standard error s_i, is
 
 Delta = 0 on the first day.  tau is what differs from drive to drive beside that, such as what a model that lacks
 physics makes of each; it is the likeliest one, mu and Delta integrated out (REML; for such models: Gelman and Hill,
-Data Analysis Using Regression and Multilevel/Hierarchical Models, 2007, chapter 12).
+Data Analysis Using Regression and Multilevel/Hierarchical Models, 2007, chapter 12).  As tau is known no better than
+few logs say, intervals are Student's, of Satterthwaite's degrees of freedom (1946).
 """
 
 from __future__ import annotations
@@ -22,82 +23,107 @@ from bcid.aliases import Floats
 
 TAU_RANGE = (1e-4, 1e2)
 """Range of tau, in parts of the spread of the values."""
+ESTIMABLE = 1e-6
+"""Largest part of a difference of days that lies outside of what the logs compare, by rounding."""
 
 
-class DayChange(NamedTuple):
-    """By how much a parameter differs from that of the first day."""
-
-    day: int
-    change: float  # in the unit of the values
-    se: float
-    half_width: float  # of the 95 % interval
-    p_value: float  # of no change
-
-
-class DayMean(NamedTuple):
-    """The mean of a parameter on one day, over the cars."""
+class Contrast(NamedTuple):
+    """A mean or a difference of means, as logs show it."""
 
     day: int
-    mean: float
+    value: float  # in the unit of the values
     se: float
+    freedom: float  # degrees of freedom of `se`
+
+    @property
+    def p_value(self) -> float:
+        """The p-value of zero."""
+        return 2.0 * float(student_t.sf(abs(self.value) / self.se, self.freedom))
+
+    def interval(self, level: float = 0.95) -> tuple[float, float]:
+        """The interval that holds the true value in a share `level` of cases."""
+        half = float(student_t.ppf(0.5 + 0.5 * level, self.freedom)) * self.se
+        return self.value - half, self.value + half
 
 
 class DayModel(NamedTuple):
-    """A parameter of a fleet over days."""
+    """A parameter of a fleet over days; days that logs do not compare with the first have neither mean nor change."""
 
     tau: float
-    means: tuple[DayMean, ...]
-    changes: tuple[DayChange, ...]  # of each later day
+    first_day: int
+    means: tuple[Contrast, ...]  # of each day, over the cars
+    changes: tuple[Contrast, ...]  # of each later day beside the first
+
+
+class _Design(NamedTuple):
+    """The logs of a parameter: what they show, with which errors, by whom and when."""
+
+    values: Floats  # (I,)
+    se: Floats  # (I,)
+    X: Floats  # (I, c + d - 1) a column for each car, and one for each day but the first
+
+    def solve(self, tau: float) -> tuple[Floats, Floats, Floats]:
+        """The mu of each car, then Delta of each later day; their covariance; the weights of logs."""
+        weights = 1.0 / (tau**2 + self.se**2)
+        covariance = np.asarray(np.linalg.pinv((self.X.T * weights) @ self.X, rcond=1e-12, hermitian=True))
+        return covariance @ (self.X.T @ (weights * self.values)), covariance, weights
+
+    def restricted_log_likelihood(self, tau: float) -> float:
+        """The logarithm of the likelihood of tau, mu and Delta integrated out, but for a constant."""
+        b, _, weights = self.solve(tau)
+        chi2 = float(weights @ (self.values - self.X @ b) ** 2)
+        eigenvalues = np.linalg.eigvalsh((self.X.T * weights) @ self.X)
+        positive = eigenvalues[eigenvalues > 1e-12 * eigenvalues.max()]
+        return 0.5 * float(np.sum(np.log(weights)) - np.sum(np.log(positive)) - chi2)
+
+    def compares(self, contrast: Floats) -> bool:
+        """Whether the logs say what a contrast of mu and Delta is: it lies in the space of the rows of X."""
+        shown = np.linalg.pinv(self.X) @ self.X @ contrast
+        return bool(np.abs(shown - contrast).max() < ESTIMABLE)
+
+    def estimate(self, contrast: Floats, day: int, tau: float, most_freedom: float) -> Contrast:
+        """A contrast with its standard error, and Satterthwaite's degrees of freedom of that.
+
+        Those are 2 V^2 / var(V), V being its variance, by the derivative of V by tau^2 and the information of tau^2.
+        """
+        b, covariance, weights = self.solve(tau)
+        by_log = covariance @ (self.X.T * weights)
+        V = float(contrast @ covariance @ contrast)
+        slope = float(
+            np.sum((contrast @ by_log) ** 2)
+        )  # of V by tau^2: each log's variance counts by its weight squared
+        P = np.diag(weights) - (weights[:, None] * self.X) @ by_log
+        variance_of_tau2 = 2.0 / float(np.sum(P * P.T))
+        freedom = 2.0 * V**2 / (slope**2 * variance_of_tau2)
+        return Contrast(day, float(contrast @ b), float(np.sqrt(V)), float(np.clip(freedom, 1.0, most_freedom)))
 
 
 def fit_days(values: Floats, se: Floats, days: Sequence[int], cars: Sequence[str]) -> DayModel | None:
     """The model of values (I,) with standard errors (I,) over `days`; None where there are too few for it.
 
-    At least one value more is needed than there are cars and further days.
+    At least one value more is needed than there are cars and further days.  Cars that are not known, "", are one.
     """
     known_days, known_cars = sorted(set(days)), list(dict.fromkeys(cars))
     X = np.array([
         [float(car == other) for other in known_cars] + [float(day == other) for other in known_days[1:]]
         for day, car in zip(days, cars, strict=True)
     ])  # fmt: skip
-    free = len(values) - int(np.linalg.matrix_rank(X))
-    if free < 1 or len(known_days) < 2:
+    freedom = len(values) - int(np.linalg.matrix_rank(X))
+    if freedom < 1 or len(known_days) < 2:
         return None
+    logs = _Design(values, se, X)
     scale = float(np.std(values)) or float(np.mean(se)) or 1.0
-    found = minimize_scalar(
-        lambda log_tau: -_restricted_log_likelihood(scale * np.exp(log_tau), values, se, X),
+    likeliest = minimize_scalar(
+        lambda log_tau: -logs.restricted_log_likelihood(scale * np.exp(log_tau)),
         bounds=tuple(np.log(TAU_RANGE)), method="bounded",
     )  # fmt: skip
-    tau = scale * float(np.exp(found.x))
-    b, covariance = _generalised_least_squares(tau, values, se, X)
-    c, half = len(known_cars), float(student_t.ppf(0.975, free))
-    means, changes = list[DayMean](), list[DayChange]()
-    for j, day in enumerate(known_days):
-        mean = np.r_[np.full(c, 1.0 / c), np.zeros(len(b) - c)]
-        if j:
-            mean[c + j - 1] = 1.0
-            error = float(np.sqrt(covariance[c + j - 1, c + j - 1]))
-            p = 2.0 * float(student_t.sf(abs(b[c + j - 1]) / error, free))
-            changes.append(DayChange(day, float(b[c + j - 1]), error, half * error, p))
-        means.append(DayMean(day, float(mean @ b), float(np.sqrt(mean @ covariance @ mean))))
-    return DayModel(tau, tuple(means), tuple(changes))
-
-
-def _generalised_least_squares(tau: float, values: Floats, se: Floats, X: Floats) -> tuple[Floats, Floats]:
-    """The mu of each car, then Delta of each later day, and their covariance, for one tau."""
-    weights = 1.0 / (tau**2 + se**2)
-    covariance = np.asarray(np.linalg.pinv((X.T * weights) @ X))
-    return covariance @ (X.T @ (weights * values)), covariance
-
-
-def _restricted_log_likelihood(tau: float, values: Floats, se: Floats, X: Floats) -> float:
-    """The logarithm of the likelihood of tau, mu and Delta integrated out, but for a constant."""
-    weights = 1.0 / (tau**2 + se**2)
-    b, _ = _generalised_least_squares(tau, values, se, X)
-    chi2 = float(weights @ (values - X @ b) ** 2)
-    information = np.linalg.eigvalsh((X.T * weights) @ X)
-    determined = information[information > 1e-12 * information.max()]
-    return 0.5 * float(np.sum(np.log(weights)) - np.sum(np.log(determined)) - chi2)
+    tau, c, n = scale * float(np.exp(likeliest.x)), len(known_cars), X.shape[1]
+    deltas = [np.zeros(n), *np.eye(n)[c:]]  # of each day beside the first
+    mean = np.r_[np.full(c, 1.0 / c), np.zeros(n - c)]
+    rows = [(day, delta) for day, delta in zip(known_days, deltas, strict=True)]
+    means = tuple(logs.estimate(mean + delta, day, tau, freedom) for day, delta in rows if logs.compares(mean + delta))
+    changes = tuple(logs.estimate(delta, day, tau, freedom) for day, delta in rows[1:] if logs.compares(delta))
+    return DayModel(tau, known_days[0], means, changes)
 
 
 def reject_at_false_share(p_values: Sequence[float], false_share: float) -> list[bool]:
@@ -111,7 +137,7 @@ def reject_at_false_share(p_values: Sequence[float], false_share: float) -> list
     p = np.asarray(p_values, float)
     if not len(p):
         return []
-    order = np.argsort(p)
-    below = np.flatnonzero(p[order] <= false_share * np.arange(1, len(p) + 1) / len(p))
-    last = float(p[order[below[-1]]]) if len(below) else -1.0
-    return [bool(x <= last) for x in p]
+    ordered = np.sort(p)
+    below = ordered[ordered <= false_share * np.arange(1, len(p) + 1) / len(p)]
+    largest = float(below[-1]) if len(below) else -1.0
+    return [bool(x <= largest) for x in p]

@@ -15,7 +15,7 @@ from bcid.aliases import Progress
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.fleet import FleetDocument, FleetLog, LogProblem
 from bcid.execution.jobs import Pool, ProcessLost, run_jobs_in
-from bcid.fleet.labels import LogLabel
+from bcid.fleet.labels import FleetLabels
 from bcid.fleet.limits import LIMITS
 from bcid.fleet.tasks import FleetOrder, LogEvaluation, evaluate_on, state_of, work_on_log
 from bcid.fleet.together import DiagnosedLog, diagnose_together
@@ -34,7 +34,7 @@ class FleetJob(NamedTuple):
 
 
 def run_fleet(
-    order: FleetOrder, logs: Sequence[Path], labels: Sequence[LogLabel], vehicle: str,
+    order: FleetOrder, logs: Sequence[Path], labels: FleetLabels, vehicle: str,
     pool: AbstractContextManager[Pool], progress: Progress = lambda share, text: None,
 ) -> FleetDocument:  # fmt: skip
     """Do what the order says to each of `logs` in the processes of `pool`; what came of each, in their order.
@@ -50,14 +50,14 @@ def run_fleet(
     return FleetDocument(
         vehicle=vehicle, models=order.models, diagnosed=order.diagnose,
         logs=tuple(fleet.row_of(number) for number in range(len(logs))),
-        together=diagnose_together(fleet.diagnosed()),
+        together=diagnose_together(fleet.diagnosed(), labels.days),
     )  # fmt: skip
 
 
 class _Fleet:
     """What is known so far of the logs of a fleet, and what can be done next."""
 
-    def __init__(self, order: FleetOrder, logs: Sequence[Path], labels: Sequence[LogLabel]) -> None:
+    def __init__(self, order: FleetOrder, logs: Sequence[Path], labels: FleetLabels) -> None:
         """Begin with logs of which nothing is known but their labels."""
         names, self.labels = name_takes(logs), labels
         self.order, self.logs, self.names = order, logs, [names[log] for log in logs]
@@ -113,7 +113,7 @@ class _Fleet:
         """All that came of a log."""
         row, evaluation = self.rows[number], self.evaluations.get(number, LogEvaluation())
         row = row.model_copy(update={
-            "day": self.labels[number].day, "car": self.labels[number].car,
+            "day": self.labels.of_logs[number].day, "car": self.labels.of_logs[number].car,
             "artifacts": (*row.artifacts, *evaluation.artifacts), "scores": evaluation.scores,
             "problems": (*row.problems, *evaluation.problems),
         })  # fmt: skip
@@ -123,7 +123,9 @@ class _Fleet:
         """The logs that were diagnosed, with what was found."""
         home = self.order.settings.workspace / "diagnose"
         return [
-            DiagnosedLog(row.name, self.labels[number], DiagnosisDocument.read(home / artifact.key / "diagnosis.json"))
+            DiagnosedLog(
+                row.name, self.labels.of_logs[number], DiagnosisDocument.read(home / artifact.key / "diagnosis.json")
+            )
             for number, row in sorted(self.rows.items())
             for artifact in row.artifacts
             if artifact.stage == "diagnose"

@@ -7,20 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bcid.aliases import Floats
 from bcid.documents.diagnosis import DiagnosisDocument, Quantity
-from bcid.documents.fleet import (
-    DayValue,
-    FleetDiagnosis,
-    FleetEffect,
-    FleetParameter,
-    LogValue,
-    MovedParameter,
-)
+from bcid.documents.fleet import DayValue, FleetDiagnosis, FleetEffect, FleetParameter, LogValue, MovedParameter
+from bcid.effects.table import EFFECTS
 from bcid.fleet.labels import LogLabel
 from bcid.fleet.limits import LIMITS
 from bcid.fleet.log_evidence import LogEvidence
-from bcid.fleet.moved import DayModel, fit_days, reject_at_false_share
-from bcid.fleet.occurrences import Occurrence, find_occurrences
+from bcid.fleet.moved import Contrast, DayModel, fit_days, reject_at_false_share
+from bcid.fleet.occurrences import PRESENT, Occurrence, find_occurrences
 
 
 class DiagnosedLog(NamedTuple):
@@ -38,101 +33,125 @@ class _Series(NamedTuple):
     unit: str
     logs: tuple[DiagnosedLog, ...]
     quantities: tuple[Quantity, ...]
-    relative: bool  # whether it is compared by its logarithm: it has one sign everywhere
+    relative: bool  # whether it is compared by its logarithm: it has one sign everywhere, and is known well
 
-    def columns(self) -> tuple[np.ndarray, np.ndarray]:
-        """Values and standard errors (I,) of what is compared: the parameter, or its logarithm."""
+    def columns(self) -> tuple[Floats, Floats]:
+        """Values and standard errors (I,) of what is compared: the parameter, or the logarithm of its size."""
         value = np.array([float(q.value or 0.0) for q in self.quantities])
         se = np.array([float(q.se or 0.0) for q in self.quantities])
         return (np.log(np.abs(value)), se / np.abs(value)) if self.relative else (value, se)
 
+    def as_value(self, compared: float) -> float:
+        """The parameter itself, of what is compared."""
+        sign = -1.0 if float(self.quantities[0].value or 0.0) < 0.0 else 1.0
+        return sign * float(np.exp(compared)) if self.relative else compared
 
-def diagnose_together(logs: Sequence[DiagnosedLog]) -> FleetDiagnosis | None:
-    """What two logs or more say together; None of fewer."""
+
+def diagnose_together(logs: Sequence[DiagnosedLog], days: Sequence[str]) -> FleetDiagnosis | None:
+    """What two logs or more say together, `days` being those of the fleet in their order; None of fewer logs."""
     if len(logs) < 2:
         return None
-    days = sorted({log.label.day for log in logs})
-    index = [days.index(log.label.day) for log in logs]
-    cars = [log.label.car for log in logs]
+    driven = [day for day in days if any(log.label.day == day for log in logs)]
+    index = [driven.index(log.label.day) for log in logs]
     evidence = [LogEvidence.of_diagnosis(log.document) for log in logs]
-    found = find_occurrences(evidence, index, cars)
-    parameters, moved = _follow_parameters(logs, days, [occurrence.effect for occurrence in found])
+    occurrences = find_occurrences(evidence, index, [log.label.car for log in logs])
+    parameters, moved = _follow_parameters(logs, driven, occurrences)
     return FleetDiagnosis(
-        days=tuple(days), effects=tuple(_describe_effect(o, logs, evidence, days) for o in found),
+        days=tuple(driven), without=tuple(day for day in days if day not in driven),
+        effects=tuple(_describe_effect(each, logs, evidence, driven) for each in occurrences),
         moved=tuple(moved), parameters=tuple(parameters),
     )  # fmt: skip
 
 
 def _describe_effect(
-    found: Occurrence, logs: Sequence[DiagnosedLog], evidence: Sequence[LogEvidence], days: Sequence[str]
+    occurrence: Occurrence, logs: Sequence[DiagnosedLog], evidence: Sequence[LogEvidence], days: Sequence[str]
 ) -> FleetEffect:
     """An effect of the fleet as it is written; logs whose evidence says nothing of it are left out."""
-    says = [each.nats(found.effect) is not None for each in evidence]
+    named = occurrence.effect
+    in_logs = {
+        log.name: round(p, 4)
+        for log, p, shown in zip(logs, occurrence.in_logs.tolist(), evidence, strict=True)
+        if named in shown.effects
+    }
     return FleetEffect(
-        effect=found.effect, probability=found.probability, evidence_nats=round(found.nats, 2), twins=found.twins,
-        since=days[found.day], since_probability=round(found.day_probability, 4), share=round(found.share, 4),
-        share_ci90=found.share_interval,
-        in_logs={
-            log.name: round(p, 4)
-            for log, p, known in zip(logs, found.in_logs.tolist(), says, strict=True) if known
-        },
+        effect=named, probability=occurrence.probability, evidence_nats=round(occurrence.nats, 2),
+        twins=occurrence.twins, since=days[occurrence.day], since_probability=round(occurrence.day_probability, 4),
+        share=round(occurrence.share, 4), share_ci90=occurrence.share_interval, in_logs=in_logs,
     )  # fmt: skip
 
 
 def _follow_parameters(
-    logs: Sequence[DiagnosedLog], days: Sequence[str], effects: Sequence[str]
+    logs: Sequence[DiagnosedLog], days: Sequence[str], occurrences: Sequence[Occurrence]
 ) -> tuple[list[FleetParameter], list[MovedParameter]]:
-    """The parameters of the car and of `effects` over the logs, and those that are others on a later day.
+    """The parameters of the car and of the fleet's effects over the logs, and those that are others on a later day.
 
-    Of the changes that are told a share of `LIMITS.false_share` is expected to be false.
+    Of the changes that are reported a share of `LIMITS.false_share` is expected to be false; their intervals allow for
+    that they were chosen (Benjamini and Yekutieli 2005).
     """
-    parameters, changes = list[FleetParameter](), list[MovedParameter]()
-    for series in _series_of_parameters(logs, effects):
-        index = [days.index(log.label.day) for log in series.logs]
-        model = fit_days(*series.columns(), index, [log.label.car for log in series.logs])
-        parameters.append(_describe_parameter(series, model, days))
-        changes += _describe_changes(series, model, days) if model else []
-    told = reject_at_false_share([change.p_value for change in changes], LIMITS.false_share)
-    moved = [change for change, is_told in zip(changes, told, strict=True) if is_told]
-    return parameters, sorted(moved, key=lambda change: change.p_value)
+    series = _car_series(logs) + [s for each in occurrences for s in _effect_series(logs, each)]
+    models = [
+        fit_days(*s.columns(), [days.index(log.label.day) for log in s.logs], [log.label.car for log in s.logs])
+        for s in series
+    ]
+    changes = [(s, model, change) for s, model in zip(series, models, strict=True) if model for change in model.changes]
+    certain = reject_at_false_share([change.p_value for _, _, change in changes], LIMITS.false_share)
+    level = 1.0 - LIMITS.false_share * sum(certain) / max(len(certain), 1)
+    moved = [
+        _describe_change(s, model, change, days, level)
+        for (s, model, change), reported in zip(changes, certain, strict=True) if reported
+    ]  # fmt: skip
+    parameters = [_describe_parameter(s, model, days) for s, model in zip(series, models, strict=True)]
+    return parameters, sorted(moved, key=lambda each: each.p_value)
 
 
-def _series_of_parameters(logs: Sequence[DiagnosedLog], effects: Sequence[str]) -> list[_Series]:
-    """Parameters of the car, then those of `effects`, in the logs that show them."""
-    tables = [_shown_parameters(log.document, effects) for log in logs]
-    series = list[_Series]()
-    for symbol in dict.fromkeys(name for table in tables for name in table):
-        having = [(log, table[symbol]) for log, table in zip(logs, tables, strict=True) if symbol in table]
-        values = [float(q.value or 0.0) for _, q in having]
-        one_sign = min(values) > 0.0 or max(values) < 0.0
-        known_by_its_size = all(
-            float(q.se or 0.0) < LIMITS.most_relative_se * abs(float(q.value or 0.0)) for _, q in having
-        )
-        if len(having) > 1:
-            series.append(_Series(
-                symbol, having[0][1].unit, tuple(log for log, _ in having), tuple(q for _, q in having),
-                one_sign and known_by_its_size,
-            ))  # fmt: skip
-    return series
+def _car_series(logs: Sequence[DiagnosedLog]) -> list[_Series]:
+    """The parameters of the car in the logs that show them."""
+    tables = [
+        {p.symbol: p for p in log.document.base.parameters if p.shown and not p.at_bound} for log in logs
+    ]  # fmt: skip
+    symbols = dict.fromkeys(symbol for table in tables for symbol in table)
+    made = [_make_series(symbol, logs, [table.get(symbol) for table in tables]) for symbol in symbols]
+    return [series for series in made if series]
 
 
-def _shown_parameters(document: DiagnosisDocument, effects: Sequence[str]) -> dict[str, Quantity]:
-    """The parameters that a log shows, by symbol: the car's, and those of `effects` that it names as effect.symbol."""
-    table: dict[str, Quantity] = {p.symbol: p for p in document.base.parameters if p.shown and not p.at_bound}
-    for finding in document.findings:
-        if finding.effect in effects:
-            table |= {f"{finding.effect}.{symbol}": q for symbol, q in finding.parameters.items() if not q.at_bound}
-    return {symbol: q for symbol, q in table.items() if q.value is not None and q.se}
+def _effect_series(logs: Sequence[DiagnosedLog], occurrence: Occurrence) -> list[_Series]:
+    """The sizes of an effect in the logs that have it; none where one of these does not name it.
+
+    It would be one that shows little of it, and those that are left would not be like the fleet.  Places and times are
+    no sizes.
+    """
+    effect, held = occurrence.effect, [log for log, p in zip(logs, occurrence.in_logs, strict=True) if p > PRESENT]
+    findings = [next((f for f in log.document.findings if f.effect == effect), None) for log in held]
+    if effect not in EFFECTS or any(finding is None for finding in findings):
+        return []
+    sizes = [p.symbol for p in EFFECTS[effect].parameters if not p.is_place]
+    tables = [finding.parameters if finding else {} for finding in findings]
+    made = [
+        _make_series(f"{effect}.{symbol}", held, [table.get(symbol) for table in tables])
+        for symbol in dict.fromkeys(s for table in tables for s in table)
+        if symbol in sizes
+    ]
+    return [series for series in made if series]
+
+
+def _make_series(symbol: str, logs: Sequence[DiagnosedLog], quantities: Sequence[Quantity | None]) -> _Series | None:
+    """One parameter in those of the logs in which it is known; None where there are not two."""
+    known = [(log, q) for log, q in zip(logs, quantities, strict=True) if q and q.value is not None and q.se]
+    if len(known) < 2:
+        return None
+    values = np.array([float(q.value or 0.0) for _, q in known])
+    errors = np.array([float(q.se or 0.0) for _, q in known])
+    relative = bool(
+        abs(np.sign(values).sum()) == len(values) and (errors < LIMITS.most_relative_se * abs(values)).all()
+    )
+    return _Series(symbol, known[0][1].unit, tuple(log for log, _ in known), tuple(q for _, q in known), relative)
 
 
 def _describe_parameter(series: _Series, model: DayModel | None, days: Sequence[str]) -> FleetParameter:
     """A parameter over the logs as it is written, with its mean on each day."""
-    means = list[DayValue]()
-    for each in model.means if model else ():
-        mean = float(np.exp(each.mean)) * _sign(series) if series.relative else each.mean
-        means.append(DayValue(day=days[each.day], mean=mean, se=each.se * (abs(mean) if series.relative else 1.0)))
     return FleetParameter(
-        symbol=series.symbol, unit=series.unit, scatter=model.tau if model else None, days=tuple(means),
+        symbol=series.symbol, unit=series.unit, scatter=model.tau if model else None,
+        days=tuple(_describe_mean(series, mean, days) for mean in (model.means if model else ())),
         logs=tuple(
             LogValue(log=log.name, day=log.label.day, value=float(q.value or 0.0), se=float(q.se or 0.0))
             for log, q in zip(series.logs, series.quantities, strict=True)
@@ -140,23 +159,22 @@ def _describe_parameter(series: _Series, model: DayModel | None, days: Sequence[
     )  # fmt: skip
 
 
-def _sign(series: _Series) -> float:
-    """The sign that a parameter has in all logs."""
-    return -1.0 if float(series.quantities[0].value or 0.0) < 0.0 else 1.0
+def _describe_mean(series: _Series, mean: Contrast, days: Sequence[str]) -> DayValue:
+    """The mean of a parameter on a day as it is written."""
+    low, high = sorted(series.as_value(x) for x in mean.interval())
+    return DayValue(day=days[mean.day], mean=series.as_value(mean.value), ci95=(low, high))
 
 
-def _describe_changes(series: _Series, model: DayModel, days: Sequence[str]) -> list[MovedParameter]:
-    """By how much a parameter differs on each later day from the first, whether that is certain or not."""
-    rows = []
-    for each in model.changes:
-        low, high = each.change - each.half_width, each.change + each.half_width
-        change, se = each.change, each.se
-        if series.relative:
-            low, high, change = (float(np.expm1(x)) for x in (low, high, change))
-            se *= 1.0 + change
-        rows.append(MovedParameter(
-            symbol=series.symbol, day=days[each.day], beside=days[model.means[0].day], change=change, se=se,
-            ci95=(low, high), relative=series.relative, unit="" if series.relative else series.unit,
-            p_value=each.p_value,
-        ))  # fmt: skip
-    return rows
+def _describe_change(
+    series: _Series, model: DayModel, change: Contrast, days: Sequence[str], level: float
+) -> MovedParameter:
+    """By how much a parameter differs on a later day from the first on which it is known, with its interval."""
+    value, (low, high), se = change.value, change.interval(level), change.se
+    if series.relative:
+        value, low, high = (float(np.expm1(x)) for x in (value, low, high))
+        se *= 1.0 + value
+    return MovedParameter(
+        symbol=series.symbol, day=days[change.day], beside=days[model.first_day], change=value, se=se,
+        interval=(low, high), relative=series.relative, unit="" if series.relative else series.unit,
+        p_value=change.p_value,
+    )  # fmt: skip

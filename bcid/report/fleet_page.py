@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from bcid.aliases import Floats
 from bcid.documents.fleet import FleetDocument, FleetParameter
 from bcid.report.canvas import AFTER, BEFORE, INK, MUTED, TEXT_SIZE, Picture, create_panel, render_svg
 from bcid.report.fleet_words import fleet_sentences
@@ -34,7 +35,7 @@ def draw_strips(document: FleetDocument) -> Picture | None:
     panels = tuple(_draw_strip(p, together.days, moved) for p in together.parameters)
     caption = (
         "Points: each log by itself, with its 95 % interval. Lines: the mean of a day with its 95 % interval; orange "
-        "where it is another than on the first day."
+        "where it is another than on the first day that has one."
     )
     return Picture("Parameters over days", caption, panels)
 
@@ -46,15 +47,13 @@ def _draw_strip(parameter: FleetParameter, days: tuple[str, ...], moved: set[tup
     figure, ax = create_panel(STRIP_HEIGHT, f"{title} ({unit_text(parameter.unit)})".replace(" ()", ""))
     for k, day in enumerate(days):
         own = [log for log in parameter.logs if log.day == day]
-        at = k + DAY_WIDTH * ((np.arange(len(own)) + 0.5) / max(len(own), 1) - 0.5)
-        ax.errorbar(
-            at, [log.value for log in own], yerr=[1.96 * log.se for log in own], fmt="o", ms=3.0, color=MUTED, lw=0.8
-        )
+        at, values, half = _spread(k, len(own)), [log.value for log in own], [1.96 * log.se for log in own]
+        ax.errorbar(at, values, yerr=half, fmt="o", ms=3.0, color=MUTED, lw=0.8)
     for mean in parameter.days:
         k = days.index(mean.day)
         colour = BEFORE if (parameter.symbol, mean.day) in moved else AFTER
         side = k - DAY_WIDTH / 2, k + DAY_WIDTH / 2
-        ax.fill_between(side, mean.mean - 1.96 * mean.se, mean.mean + 1.96 * mean.se, color=colour, alpha=0.22, lw=0)
+        ax.fill_between(side, *mean.ci95, color=colour, alpha=0.22, lw=0)
         ax.plot(side, (mean.mean, mean.mean), color=colour, lw=1.8)
     _name_days(ax, days)
     return render_svg(figure, f"{title} over days")
@@ -65,24 +64,25 @@ def draw_presence(document: FleetDocument) -> Picture | None:
     together = document.together
     if together is None or not together.effects:
         return None
-    logs = sorted((log for log in document.logs if log.name in together.effects[0].in_logs), key=lambda log: log.day)
     panels = []
     for effect in together.effects:
         title = f"{plain_name(effect.effect)}: probability in each log"
         figure, ax = create_panel(STRIP_HEIGHT, title)
-        own = [[log for log in logs if log.day == day] for day in together.days]
-        for k, day_logs in enumerate(own):
-            at = k + DAY_WIDTH * ((np.arange(len(day_logs)) + 0.5) / max(len(day_logs), 1) - 0.5)
-            ax.bar(
-                at,
-                [effect.in_logs[log.name] for log in day_logs],
-                width=0.6 * DAY_WIDTH / max(map(len, own)),
-                color=AFTER,
-            )
+        by_day = [
+            [log for log in document.logs if log.day == day and log.name in effect.in_logs] for day in together.days
+        ]
+        width = 0.6 * DAY_WIDTH / max(1, *map(len, by_day))
+        for k, logs in enumerate(by_day):
+            ax.bar(_spread(k, len(logs)), [effect.in_logs[log.name] for log in logs], width=width, color=AFTER)
         ax.set_ylim(0.0, 1.0)
         _name_days(ax, together.days)
         panels.append(render_svg(figure, title))
     return Picture("Effects log by log", "Bars: how certain it is that a log has the effect.", tuple(panels))
+
+
+def _spread(day: int, count: int) -> Floats:
+    """Where the logs of a day are drawn, side by side."""
+    return np.asarray(day + DAY_WIDTH * ((np.arange(count) + 0.5) / max(count, 1) - 0.5))
 
 
 def _name_days(ax: Any, days: tuple[str, ...]) -> None:

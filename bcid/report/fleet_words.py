@@ -2,7 +2,7 @@
 
 from bcid.documents.fleet import FleetDiagnosis, FleetDocument, FleetEffect, MovedParameter
 from bcid.report.budget_words import percent, percent_range
-from bcid.report.formats import format_number, format_with_error, join_words, plain_name, symbol_text, unit_text
+from bcid.report.formats import format_number, join_words, plain_name, symbol_text, unit_text
 
 CERTAIN = 0.5
 """Probability above which an effect is said to be in a log."""
@@ -14,52 +14,57 @@ def fleet_sentences(document: FleetDocument) -> list[str]:
     if together is None:
         return []
     who = "cars" if any(log.car for log in document.logs) else "logs since then"
-    effects = [effect_sentence(effect, together.days[0], who) for effect in together.effects]
+    effects = [effect_sentence(effect, len(together.days) > 1, who) for effect in together.effects]
     return [*(effects or ["No effect is common to enough logs to be the fleet's."]), *day_sentences(together)]
 
 
-def effect_sentence(effect: FleetEffect, first_day: str, who: str) -> str:
+def effect_sentence(effect: FleetEffect, several_days: bool, who: str) -> str:
     """Which effect the fleet has, since when, in what share of the cars or logs, `who`, and in which logs."""
     having = [name for name, p in effect.in_logs.items() if p > CERTAIN]
     name = plain_name(effect.effect)
     text = f"{name[0].upper()}{name[1:]}"
     if effect.twins:
         text += f", or {join_words([plain_name(twin) for twin in effect.twins], 'or')},"
-    whole = effect.since == first_day
-    since = (
-        "on all days" if whole else f"since {effect.since} (probability {format_number(effect.since_probability, 2)})"
-    )
+    since = f" since {effect.since} (probability {format_number(effect.since_probability, 2)})" if several_days else ""
     share = f"{percent(effect.share)} of the {who} (90 % interval {percent_range(*effect.share_ci90)})"
     certain = "more than 0.999" if effect.probability > 0.999 else format_number(effect.probability, 3)
     return (
-        f"{text} is there {since}, in {share}: {join_words(having) or 'no single log for certain'}. "
+        f"{text} is there{since}, in {share}: {join_words(having) or 'no single log for certain'}. "
         f"Together the logs show it with probability {certain}."
     )
 
 
 def day_sentences(together: FleetDiagnosis) -> list[str]:
-    """For each later day what is otherwise there than on the first: "the car of …, but for …"."""
+    """For each later day what is otherwise there than on the first: "the cars of …, but for …"."""
+    first, *later = together.days
+    order = {day: k for k, day in enumerate(together.days)}
     sentences = []
-    for day in together.days[1:]:
+    for day in later:
         moved = [m for m in together.moved if m.day == day]
-        effects = [plain_name(e.effect) for e in together.effects if e.since == day]
-        other = [*effects, *(change_in_words(m) for m in moved)]
-        first = together.days[0]
+        effects = [plain_name(e.effect) for e in together.effects if 0 < order[e.since] <= order[day]]
+        changes = [change_in_words(m) + (f" beside {m.beside}" if m.beside != first else "") for m in moved]
+        other = join_words([*effects, *changes])
         sentences.append(
-            f"{day}: the car of {first}, but for {join_words(other)}." if other
+            f"{day}: the cars of {first}, but for {other}." if other
             else f"{day}: no parameter is shown to be another than on {first}."
         )  # fmt: skip
-    return sentences
+    unknown = [f"{join_words(together.without)}: no log was diagnosed."] if together.without else []
+    return [*sentences, *unknown]
 
 
 def change_in_words(moved: MovedParameter) -> str:
-    """By how much a parameter is another, with its 95 % interval: "K_t +8 % (6 to 10 %)"."""
+    """By how much a parameter is another, with its interval: "K_t +8 % (6 to 10 %)"."""
     symbol = symbol_text(moved.symbol.rpartition(".")[2])
     effect = moved.symbol.rpartition(".")[0]
     name = f"{symbol} of {plain_name(effect)}" if effect else symbol
     if moved.relative:
-        low, high = (format_number(100.0 * x, 2) for x in moved.ci95)
-        sign = "+" if moved.change > 0.0 else ""
-        return f"{name} {sign}{format_number(100.0 * moved.change, 2)} % ({low} to {high} %)"
-    more = "more" if moved.change > 0.0 else "less"
-    return f"{name} {format_with_error(abs(moved.change), moved.se)} {unit_text(moved.unit)}".rstrip() + f" {more}"
+        low, high = (format_number(100.0 * x, 2) for x in moved.interval)
+        return f"{name} {_signed(100.0 * moved.change)} % ({low} to {high} %)"
+    low, high = (format_number(x, 2) for x in moved.interval)
+    unit = f" {unit_text(moved.unit)}".rstrip()
+    return f"{name} {_signed(moved.change)}{unit} ({low} to {high}{unit})"
+
+
+def _signed(value: float) -> str:
+    """A number with its sign, whichever that is."""
+    return f"{'+' if value > 0.0 else ''}{format_number(value, 2)}"

@@ -21,6 +21,7 @@ from bcid.diagnosis.search.refits import named_effects
 from bcid.diagnosis.search.rivals import distinct_rivals, exchange_until_stable
 from bcid.diagnosis.search.screen import NullGains, screen_effects, simulate_trials
 from bcid.diagnosis.search.search_state import SearchState, greater_evidence
+from bcid.effects.table import EFFECTS
 from bcid.errors import PredictionDiverged
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.refit import Fit, refit
@@ -91,9 +92,11 @@ def name_effects(
 def _score_others(state: SearchState, rest: RemainderFit, tried: Mapping[str, float]) -> dict[str, float]:
     """Nats that each effect without a name would add beside a fit and its remainder, most first.
 
-    They are found to first order, and no more than a refit gained where it was `tried`.
+    They are found to first order, and no more than a refit gained wherever it was `tried`.  Effects of which the take
+    has no information are left out.
     """
-    promised = score_names(rest, state.take, state.trials_beside(rest.named))
+    scores = score_names(rest, state.take, state.trials_beside(rest.named))
+    promised = [c for c in scores if c.effect in EFFECTS]
     nats = {c.effect: min(c.score, tried.get(c.effect, c.score)) for c in promised}
     return dict(sorted(nats.items(), key=lambda pair: -pair[1]))
 
