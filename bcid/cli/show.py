@@ -36,8 +36,8 @@ def comparison_table(report: ReportDocument) -> Table:
         f"W = diag({weights.v_x:.3g} s/m, {weights.v_y:.3g} s/m, {weights.yaw_rate:.3g} s/rad); "
         f"rollout of the whole take on {machine.processor}, {machine.cores} cores"
     )
-    title = f"closed loop on {take.name} ({take.duration_s:.0f} s), NMSE × 10³"
-    columns = ["model", "NMSE", "95 % interval", "v_x", "v_y", "yaw rate", "rollout ms", "parameters"]
+    title = f"closed loop on {take.name} ({take.duration_s:.0f} s)"
+    columns = ["model", "10³ NMSE", "95 % interval", "v_x", "v_y", "yaw rate", "rollout ms", "parameters"]
     return plain_table(title, columns, rows, caption)
 
 
@@ -130,6 +130,14 @@ def _clock_text(clock: ClockEstimate) -> str:
         return f"none: {clock.reason or 'not estimated'}"
     low, high = clock.offset_ci95
     return f"{1e3 * clock.offset_s:.1f} ms ({1e3 * low:.1f} … {1e3 * high:.1f})"
+
+
+def _sign_text(clock: ClockEstimate) -> str:
+    """What a sure offset of the command clock may mean, and what would look like it; empty where it may be zero."""
+    low, high = clock.offset_ci95 or (0.0, 0.0)
+    if low > 0.0:
+        return ": commands are stamped early, or the car answers late (steering_delay, motor_delay)"
+    return ": commands are stamped late, or poses early" if high < 0.0 else ""
 
 
 class EstimatedTake(NamedTuple):
@@ -336,6 +344,6 @@ def health_text(health: HealthDocument) -> str:
     for take in health.recordings:
         lines += [printable(take.recording, ""), f"  {take.sentence}"]
         if take.clock:
-            lines.append(f"  clock offset: {_clock_text(take.clock)}")
+            lines.append(f"  clock offset: {_clock_text(take.clock)}{_sign_text(take.clock)}")
             lines += [f"  {text}" for text in take.findings]
     return "\n".join(lines)

@@ -21,7 +21,7 @@ from bcid.models.newton_euler.parameters import (
 )
 from bcid.report.formats import format_with_error
 
-SCORE_COLUMNS = ("NMSE", "95 % interval", "v_x", "v_y", "yaw rate")
+SCORE_COLUMNS = ("10³ NMSE", "95 % interval", "v_x", "v_y", "yaw rate")
 
 
 class ScoredFit(NamedTuple):
@@ -60,7 +60,7 @@ def fit_tables(fitted: Sequence[ScoredFit], validation: str | None, equations: b
          str(f.model.parameter_count), str(f.folder)]
         for f in fitted
     ]  # fmt: skip
-    title = f"closed loop on {validation}, NMSE × 10³, as in bcid report" if scored else "fitted models"
+    title = f"closed loop on {validation}, as in bcid report" if scored else "fitted models"
     parts.append(plain_table(title, ["model", *SCORE_COLUMNS * scored, "parameters", "saved in"], rows))
     return Group(*parts)
 
