@@ -18,6 +18,7 @@ from bcid.aliases import Progress
 from bcid.bench.limits import FLEETS
 from bcid.bench.run import SCHEMA
 from bcid.documents.fleet import FleetDocument
+from bcid.errors import UsageError
 from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
 from bcid.simulation.samples import VEHICLE, VEHICLE_FILE, SampleTake, write_sample_take
 
@@ -68,7 +69,13 @@ def _write_log(home: Path, number: int, seconds: float) -> Path:
 
 
 def _run_fleet(home: Path, logs: Sequence[Path], workers: int, dask: str | None, out: Path) -> FleetCost:
-    """Run `bcid fleet` on logs, and weigh it."""
+    """Run `bcid fleet` on logs, and weigh it.
+
+    Raises:
+        UsageError: this is Windows, which does not tell what a process and all that it has started took.
+    """
+    if sys.platform == "win32":
+        raise UsageError("fleets are weighed as POSIX systems do\n  next: run it on Linux")
     where = ["--jobs", str(workers)] if dask is None else ["--dask", dask]
     words = ["fleet", *map(str, logs), "--vehicle", str(home / VEHICLE_FILE), "--out", str(out), *where]
     ask = _cluster_usage(dask) if dask is not None else None
@@ -98,11 +105,10 @@ def _cluster_usage(dask: str) -> Callable[[], dict[str, tuple[float, float]]]:
 
 
 def process_usage() -> tuple[float, float]:
-    """CPU time (s) of this process, and its largest resident memory (MiB)."""
-    import resource
-
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024.0
+    """CPU time (s) of this process, and its largest resident memory (MiB), as Linux tells it."""
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    peak_kib = next(float(line.split()[1]) for line in lines if line.startswith("VmHWM"))
+    return time.process_time(), peak_kib / 1024.0
 
 
 def summarise_fleets(costs: Sequence[FleetCost], seconds: float, machine: dict[str, Any]) -> dict[str, Any]:

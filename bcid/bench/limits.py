@@ -101,8 +101,9 @@ class RecoveryGoals:
 class FleetGoals:
     """What a log may cost in a large fleet, beside a small one."""
 
-    # Goals of the project: of CPU time, a tenth more at sixteen times as many logs; of memory, less than a tenth.
+    # CPU time of a log in a fleet of sixteen times as many, over that in the small one.
     most_growth: float = 1.1
+    # Growth of the largest memory of any process: a log is to leave nothing behind.
     most_memory_growth: float = 0.1
 
 

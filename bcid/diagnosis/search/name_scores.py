@@ -77,7 +77,8 @@ def _score_about(
         values = combine_vectors(trial, amplitude)
         p = ENTRIES[trial.effect].parameters
         if any(not q.is_place and q.low >= 0.0 and v <= 0.0 for q, v in zip(p, values, strict=True)):
-            score = -price  # the other sign would do better, and is none that the effect has
+            # the other sign would do better, and is none that the effect has
+            score, values = -price, [v if q.is_place else q.off for q, v in zip(p, values, strict=True)]
         if trial.effect not in best or score > best[trial.effect].score:
             best[trial.effect] = CandidateEffect(trial.effect, values, score)
     return best
