@@ -8,15 +8,12 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.likelihood import marginal, nuisance
 from bcid.likelihood.divergence import require_finite
-from bcid.likelihood.jacobian import EFFECT_STEP, base_jacobian, parameter_jacobian
+from bcid.likelihood.jacobian import base_jacobian, parameter_jacobian
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.refit_state import EM_STEPS, RefitProblem, RefitState, Tangent, build_state
 from bcid.likelihood.settling import restart_misfitting_segments, settle_initial_states
 
 MAX_STEP = 3.0  # of any component of phi
-VOLUME_SEGMENTS = 16
-"""Segments at most, but for a factor of two, of which the slope of log-determinants is found."""
-VOLUME_STEP = 0.01  # of base parameters, whose differences are small sums of large numbers
 
 
 def evaluate_at(
@@ -54,7 +51,7 @@ def slope_and_curvature(problem: RefitProblem, state: RefitState, J: Floats) -> 
     """Gradient (n,) and Gauss-Newton curvature (n, n), about -Hessian, of log-likelihood plus log prior by phi.
 
     phi is the parameter vector (log base parameters, drag, effects' parameters), and J (N, 3, n) are the derivatives of
-    the predicted poses by it.  The slope is that of chi^2 and, where the problem has one, of the `volume_slope`.
+    the predicted poses by it.
 
     Raises:
         PredictionDiverged: either is not finite, as where a derivative is beyond what its square can be.
@@ -64,39 +61,8 @@ def slope_and_curvature(problem: RefitProblem, state: RefitState, J: Floats) -> 
     g, G = marginal.score_and_information(r, state.A, J, take.first, state.scales.r, state.terms.root)
     w = marginal.robust_weights(state.terms)
     slope, curvature = w @ g + prior.slope(state.phi), np.tensordot(w, G, axes=1) + np.diag(prior.stiffness(state.phi))
-    slope = slope if problem.volume is None else slope + problem.volume.slope
     require_finite("a slope of the likelihood", slope, curvature)
     return slope, curvature
-
-
-def volume_slope(problem: RefitProblem, state: RefitState) -> Floats:
-    """Gradient (n,) by phi of -1/2 log(|M| / |A_0^T W A_0|) over all segments: how poses answer pushes depends on phi.
-
-    It is found by one-sided differences of linearisations of VOLUME_SEGMENTS of the segments, which stand for all.  A
-    remainder's coefficients, which are small, have none.  Without it a fit ends where chi^2 is least: on a rough floor
-    up to a standard error beside the likeliest parameters, and elsewhere from another start.
-    """
-    S, hypothesis = problem.take.segments, problem.hypothesis
-    chosen = np.arange(0, S, max(1, S // VOLUME_SEGMENTS))
-    part, start, scales = problem.take.part(chosen), state.start[chosen], state.scales
-    still, (low, high) = np.zeros_like(part.pose), hypothesis.bounds()
-
-    def volume(phi: Floats) -> float:
-        """The sum of log-determinants of the chosen segments at phi."""
-        A = nuisance.linearise_nuisances(part, hypothesis.prediction_inputs(phi, part), start).A
-        moments = marginal.segment_moments(still, A, part.first)
-        return float(marginal.eliminate_nuisance(moments, scales.r, scales.nuisance_precision()).log_det.sum())
-
-    slope, here = np.zeros(hypothesis.size), volume(state.phi)
-    for j in range(hypothesis.named_size):
-        if low[j] < high[j]:
-            width = VOLUME_STEP if j < hypothesis.base_size else EFFECT_STEP
-            moved = state.phi.copy()
-            moved[j] += width if moved[j] + width <= high[j] else -width
-            slope[j] = -0.5 * (volume(moved) - here) / (moved[j] - state.phi[j])
-    slope *= S / len(chosen)
-    require_finite("a slope of the likelihood", slope)
-    return slope
 
 
 def _add_effects(problem: RefitProblem, J: Floats, phi: Floats, start: Floats, r: Floats) -> Floats:

@@ -44,7 +44,6 @@ class LinearisedFit(NamedTuple):
     known: Floats  # (n,) precision of the prior of a trusted simulation, 0 without one
     bends: Bools  # (n,) whether the parameter may answer: one at a bound of a trusted simulation may not
     tension: Floats  # (n,) standard deviations by which trusted parameters are off
-    volume: Floats  # (n,) slope of log-determinants by the fit's own parameters
 
 
 def linearise_fit(fit: Fit, take: Take) -> LinearisedFit:
@@ -80,7 +79,6 @@ def linearise_fit(fit: Fit, take: Take) -> LinearisedFit:
     return LinearisedFit(
         r, rows, noise**-2.0, take.first, root, free[:, :, :n], free[:, :, n], among[:, :n, :n], among[:, :n, n],
         robust_weights(e), e.chi2, e.numbers, known, bends, np.sqrt(known) * (fit.phi - prior.centre),
-        np.zeros(n) if fit.volume_slope is None else fit.volume_slope,
     )  # fmt: skip
 
 
@@ -99,11 +97,10 @@ class ProjectedChanges(NamedTuple):
     numbers: Floats  # (S,)
     pulls: Floats  # (n, K) standard deviations by which a unit of a column moves the fit's own trusted parameters
     tension: Floats  # (n,) standard deviations by which these are off already
-    held: Floats  # (K,) slope by a unit of a column that log-determinants balance, as the fit's own parameters answer
 
     def slope(self, own: slice) -> Floats:
         """Slope (k,) of the log-likelihood and the prior by the multiples of the columns `own`."""
-        return np.asarray(self.weights @ self.each_g[:, own] + self.tension @ self.pulls[:, own] + self.held[own])
+        return np.asarray(self.weights @ self.each_g[:, own] + self.tension @ self.pulls[:, own])
 
     def information(self, own: slice) -> Floats:
         """Information (k, k) of the log-likelihood and the prior about the multiples of the columns `own`."""
@@ -153,5 +150,5 @@ def project_out_fit(fit: LinearisedFit, columns: Floats, widest: int = 1, moved:
         bands[d, :, here] -= np.einsum("snk,nk->sk", FX[:, :, next_], taken[:, here])
     return ProjectedChanges(
         bands, each_g - fit.slopes @ taken, fit.weights, G, fit.chi2, fit.numbers,
-        np.sqrt(fit.known)[:, None] * taken, fit.tension, -fit.volume @ taken,
+        np.sqrt(fit.known)[:, None] * taken, fit.tension,
     )  # fmt: skip

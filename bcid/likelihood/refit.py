@@ -25,7 +25,6 @@ from bcid.likelihood.refit_state import (
     RefitProblem,
     RefitState,
     Tangent,
-    VolumeLine,
     build_state,
     segment_worths,
 )
@@ -38,7 +37,6 @@ PHI_DAMPINGS = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5)
 """Added to the curvature by phi, whose components are of size one: what the take hardly shows is held back, and valleys
 that logarithms of two parameters share stay open (scaled by the curvature's diagonal they would be closed)."""
 THOROUGH = Effort()
-POLISHING_TANGENTS = 3  # from the end of a thorough refit
 SETTLING_ROUNDS = 3  # of evaluations at fixed parameters
 FAR = 0.03  # a step of phi after which the tangent is found anew: 3 % of a base parameter
 
@@ -55,7 +53,6 @@ class Fit:
     per_segment: Floats  # (S,)
     covariance: Floats  # of phi
     tangent: Tangent
-    volume_slope: Floats | None = None  # (n,) that balances those of likelihood and prior at the fit; None for none
 
     @property
     def penalised_log_likelihood(self) -> float:
@@ -110,7 +107,6 @@ def refit(
     """
     phi = np.clip(phi, *hypothesis.bounds())
     problem = RefitProblem(take, hypothesis, hypothesis.prior(phi), most, effort)
-    volume = None
     if tangent is not None:
         state = build_state(problem, phi, start, scales, problem.residuals(phi, start), tangent.A)
         last, state = tangent, _descend_along_tangent(problem, tangent, state, None, np.inf)
@@ -119,42 +115,29 @@ def refit(
         steps = [_evaluate_ahead(problem, state, state._replace(phi=np.clip(p, *hypothesis.bounds()))) for p in ahead]
         state = max((state, *(s for s in steps if s)), key=lambda s: s.worth)
         last, state = _refit_by_tangents(problem, state)
-        volume = none_if_diverged(newton.volume_slope, problem, state)
-        if volume is not None and effort.tangents >= THOROUGH.tangents:
-            # from near the end: the slope of log-determinants is another there
-            near = problem._replace(effort=effort._replace(tangents=POLISHING_TANGENTS))
-            last, state = _refit_by_tangents(near, state, volume)
     state = build_state(problem, state.phi, state.start, state.scales, state.r, last.A, MAX_EM_STEPS)
     _, curvature = newton.slope_and_curvature(problem, state, newton.derivatives_at(problem, last, state))
-    return _build_fit(hypothesis, last, state, np.asarray(np.linalg.pinv(curvature), dtype=float), volume)
+    return _build_fit(hypothesis, last, state, np.asarray(np.linalg.pinv(curvature), dtype=float))
 
 
-def _build_fit(
-    hypothesis: Hypothesis, tangent: Tangent, state: RefitState, covariance: Floats, volume: Floats | None = None
-) -> Fit:
+def _build_fit(hypothesis: Hypothesis, tangent: Tangent, state: RefitState, covariance: Floats) -> Fit:
     """Assemble a `Fit` from a refit's final `state`, its linearisation `tangent` and the `covariance` (n, n) of phi."""
     each = segment_worths(state.terms)
-    return Fit(hypothesis, state.phi, state.start, state.scales, float(each.sum()), each, covariance, tangent, volume)
+    return Fit(hypothesis, state.phi, state.start, state.scales, float(each.sum()), each, covariance, tangent)
 
 
-def _refit_by_tangents(
-    problem: RefitProblem, state: RefitState, volume: Floats | None = None
-) -> tuple[Tangent, RefitState]:
+def _refit_by_tangents(problem: RefitProblem, state: RefitState) -> tuple[Tangent, RefitState]:
     """Linearisation and state of greatest log-likelihood plus log prior in a refit.
 
     Alternates Gauss-Newton steps of phi, with the linearisation of the predictions held fixed, and a new linearisation
     where they led, until this gains less than the least that counts.  On the way over the edge of a place on the floor
-    it may lose; what is returned is the likeliest that was met.  `volume` is the slope of log-determinants by phi,
-    found at `state` unless it is given.
+    it may lose; what is returned is the likeliest that was met.
     """
     effort, tangent = problem.effort, newton.tangent_at(problem, state)
     best, rough = (tangent, state), problem.hypothesis.is_place.any()
-    if volume is None:
-        volume = none_if_diverged(newton.volume_slope, problem, state)
     for _ in range(effort.tangents):
         J = None if rough else none_if_diverged(newton.derivatives_at, problem, tangent, state)
-        line = None if volume is None else VolumeLine(volume, state.phi)
-        ahead = _descend_along_tangent(problem._replace(volume=line), tangent, state, J, FAR)
+        ahead = _descend_along_tangent(problem, tangent, state, J, FAR)
         if ahead.objective - state.objective < effort.least:
             break
         better = _evaluate_ahead(problem, state, ahead)
@@ -238,7 +221,7 @@ def _state_along_tangent(problem: RefitProblem, phi: Floats, state: RefitState) 
 def evaluate_fixed(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit:
     """A fit whose parameter vector is the given phi: only initial states, pushes and standard deviations are estimated.
 
-    Pushes are disturbances, constant over 0.125 s; `scales` (noise and pushes) is the start.  The covariance of phi is
+    Pushes are disturbances, constant over 0.5 s; `scales` (noise and pushes) is the start.  The covariance of phi is
     zero.
     """
     problem = RefitProblem(take, hypothesis, Prior.normal(phi, np.zeros_like(phi)))

@@ -16,7 +16,7 @@ from bcid.likelihood.prior import Prior
 from bcid.likelihood.take import N_START, Take
 
 MIN_GAIN = 0.5  # nats, less than which counts for nothing
-EM_STEPS, MAX_EM_STEPS = 2, 60  # on the way along a tangent, and where the scales have to converge
+EM_STEPS, MAX_EM_STEPS = 2, 20  # on the way along a tangent, and where the scales have to converge
 
 
 class Tangent(NamedTuple):
@@ -34,17 +34,6 @@ class Effort(NamedTuple):
     least: float = MIN_GAIN  # nats, below which a step has gained nothing
 
 
-class VolumeLine(NamedTuple):
-    """How -1/2 log|M| of the segments goes on with phi where the linearisation is held: a line through an anchor."""
-
-    slope: Floats  # (n,) nats
-    anchor: Floats  # (n,)
-
-    def nats(self, phi: Floats) -> float:
-        """By how much it is greater at phi than at the anchor."""
-        return float(self.slope @ (phi - self.anchor))
-
-
 class RefitProblem(NamedTuple):
     """The take, the hypothesis that is fitted to it, the prior of its parameters, and how far a refit goes."""
 
@@ -53,7 +42,6 @@ class RefitProblem(NamedTuple):
     prior: Prior
     most: Scales = UNLIMITED  # that noise and pushes may be
     effort: Effort = Effort()
-    volume: VolumeLine | None = None  # along a tangent; None where predictions are differentiated anew
 
     def residuals(self, phi: Floats, start: Floats) -> Floats:
         """Measured less predicted poses (N, 3) at phi, from the nuisance parameters `start` (S, N_NUISANCE)."""
@@ -61,8 +49,7 @@ class RefitProblem(NamedTuple):
 
     def objective(self, phi: Floats, terms: MarginalTerms) -> float:
         """Log-likelihood of all segments plus log prior density of phi, less a constant."""
-        beyond = self.volume.nats(phi) if self.volume else 0.0
-        return float(student_log_densities(terms).sum()) + self.prior.log_density(phi) + beyond
+        return float(student_log_densities(terms).sum()) + self.prior.log_density(phi)
 
 
 class RefitState(NamedTuple):

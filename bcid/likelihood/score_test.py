@@ -53,10 +53,7 @@ def _reweighted_amplitudes(changes: ProjectedChanges, first: Ints, k: int) -> tu
     # of columns i and j <= i
     G = {(i, j): changes.bands[i - j][:, own[:, j]] for i in range(k) for j in range(i + 1)}
     pulls = changes.pulls[:, own]
-    pull, stiffness = (
-        np.tensordot(changes.tension, pulls, axes=1) + changes.held[own],
-        np.einsum("ntk,ntl->tkl", pulls, pulls),
-    )
+    pull, stiffness = np.tensordot(changes.tension, pulls, axes=1), np.einsum("ntk,ntl->tkl", pulls, pulls)
 
     def chi2(a: Floats) -> Floats:
         """Chi^2 (S, T) of each segment with the columns of each group times `a` (T, k)."""

@@ -66,7 +66,6 @@ class TakeInformation(NamedTuple):
     first: Ints  # (S + 1,) rows of the segments
     along: Floats  # (S, knots, ALONG) what the car is at in each knot
     seen_s: Floats  # (N,) times of the rows
-    volume: Floats  # (n,) slope of log-determinants by the names
 
     @property
     def robust_weights(self) -> Floats:
@@ -80,7 +79,7 @@ class TakeInformation(NamedTuple):
         answered = (self.carriers * weights[:, None, None]) @ self.values
         G_c = self.values.reshape(-1, K).T @ answered.reshape(-1, K)
         G_nc = np.tensordot(self.cross * weights[:, None, None], self.values, axes=((0, 2), (0, 1)))
-        slope_n = weights @ self.name_slopes + self.prior.slope(self.phi) + self.volume + G_nc @ self.c
+        slope_n = weights @ self.name_slopes + self.prior.slope(self.phi) + G_nc @ self.c
         slope_c = np.tensordot(weights[:, None] * self.carrier_slopes, self.values, axes=((0, 1), (0, 1)))
         return WeighedInformation(slope_n, slope_c + G_c @ self.c, G_n, G_nc, G_c)
 
@@ -132,7 +131,7 @@ def gather_information(fit: Fit, take: Take, basis: RemainderBasis, c: Floats) -
     return TakeInformation(
         products[:, own, own], products[:, own, carried], products[:, carried, carried], products[:, own, -1],
         products[:, carried, -1], values, terms, named.prior(phi), phi, c, rows, take.first,
-        at.history.along, take.seen_rows.time_s, np.zeros(n) if fit.volume_slope is None else fit.volume_slope[:n],
+        at.history.along, take.seen_rows.time_s,
     )  # fmt: skip
 
 
