@@ -39,7 +39,7 @@ from bcid.likelihood.prepare import (
 )
 from bcid.likelihood.projection import linearise_fit, project_out_fit
 from bcid.likelihood.refit import Fit, evaluate_fixed, refit
-from bcid.likelihood.take import KNOT_S, KNOTS, SEGMENT_S, Take, cut_segments
+from bcid.likelihood.take import KNOTS, SEGMENT_S, Take, cut_segments
 from bcid.physics.car import Car
 from bcid.proof.blind.cases import BlindCase
 from bcid.proof.blind.run_cases import run_blind_case
@@ -204,7 +204,7 @@ def test_the_scales_are_those_of_the_take(null_fit: Fit, null_take: Take) -> Non
     left = len(null_take.pose) - 5 * null_take.segments  # numbers per channel that no start or push takes up
     np.testing.assert_allclose(null_fit.scales.r, noise, rtol=4.0 / np.sqrt(2.0 * left))
     rough = np.array([ROUGH.rough_force, ROUGH.rough_force, ROUGH.rough_moment]) / [CAR.m, CAR.m, CAR.I_z]
-    u = KNOT_S / ROUGHNESS_TIME_S
+    u = 0.5 / ROUGHNESS_TIME_S
     mean_over_a_knot = np.sqrt(2.0 / u * (1.0 - (1.0 - np.exp(-u)) / u))
     knots = KNOTS * null_take.segments
     assert (null_fit.scales.q > mean_over_a_knot * rough * (1.0 - 4.0 / np.sqrt(2.0 * knots))).all()
@@ -232,7 +232,7 @@ def test_a_refit_ends_at_a_maximum_as_curved_as_it_says(null_fit: Fit, null_take
 
 def test_a_refit_ends_there_from_elsewhere(null_fit: Fit, null_take: Take) -> None:
     nudge = 0.1 * np.random.default_rng(0).standard_normal(len(null_fit.phi))
-    scales = null_fit.scales._replace(r=3.0 * null_fit.scales.r, q=3.0 * null_fit.scales.q)
+    scales = Scales(3.0 * null_fit.scales.r, 3.0 * null_fit.scales.q)
     again = refit(null_take, BASE, null_fit.phi + nudge, null_take.start, scales)
     assert again.log_likelihood == pytest.approx(null_fit.log_likelihood, abs=1.0)
     np.testing.assert_allclose(again.phi, null_fit.phi, atol=0.5 * np.sqrt(np.diag(null_fit.covariance)).max())
@@ -338,19 +338,19 @@ def test_what_meets_a_bound_stays_there_and_the_rest_goes_on() -> None:
 
 def test_disturbances_of_a_null_are_as_large_as_expected(null_fit: Fit, null_take: Take) -> None:
     found = estimate_disturbances(null_fit, null_take)
-    K = PARTS * null_take.segments
+    K = KNOTS * null_take.segments
     assert found.push.shape == found.strength.shape == (K, 3)
     np.testing.assert_allclose((found.strength**2).mean(axis=0), 1.0, atol=4.0 * np.sqrt(2.0 / K))
     assert set(found.states) == set(STATE_NAMES)
     assert (np.diff(found.time_s) > 0.0).all()
-    np.testing.assert_array_equal(found.segment, np.arange(K) // PARTS)
-    np.testing.assert_allclose(found.time_s % SEGMENT_S, np.tile([0.25, 0.75, 1.25], K // PARTS), atol=1e-6)
+    np.testing.assert_array_equal(found.segment, np.arange(K) // KNOTS)
+    np.testing.assert_allclose(found.time_s % SEGMENT_S, np.tile([0.25, 0.75, 1.25], K // KNOTS), atol=1e-6)
 
 
 def test_a_missing_slope_is_a_push_down_it(null_fit: Fit, null_take: Take) -> None:
     """With a slope the other way in the model, the pushes are the true one, in metres per second squared."""
     tilted = BASE.with_effects("floor_slope")
-    wide = replace(null_fit, scales=null_fit.scales._replace(q=np.full(3, 0.4)))
+    wide = replace(null_fit, scales=Scales(null_fit.scales.r, np.full(3, 0.2)))
     before = estimate_disturbances(wide, null_take)
     after = estimate_disturbances(
         replace(wide, hypothesis=tilted, phi=tilted.phi_of(null_fit.car(), [-0.05, 0.02])), null_take
@@ -367,12 +367,12 @@ def test_a_missing_slope_is_a_push_down_it(null_fit: Fit, null_take: Take) -> No
 def driven(seed: int, segments: int = 80) -> Disturbances:
     """Disturbances of nothing along a drive that wanders over a floor of 8 m by 5 m."""
     rng = np.random.default_rng(seed)
-    K = PARTS * segments
+    K = KNOTS * segments
     steps = np.cumsum(rng.normal(0.0, 0.5, (K, 2)), axis=0)
     place = np.abs((steps + 50.0) % [16.0, 10.0] - [8.0, 5.0])
     still = dict.fromkeys(STATE_NAMES, np.zeros(K)) | {"p_x": place[:, 0], "p_y": place[:, 1]}
     strength = rng.standard_normal((K, 3))
-    return Disturbances(0.25 + 0.5 * np.arange(K), np.arange(K) // PARTS, 0.01 * strength, strength, still)
+    return Disturbances(0.25 + 0.5 * np.arange(K), np.arange(K) // KNOTS, 0.01 * strength, strength, still)
 
 
 def test_energy_is_one_where_nothing_is() -> None:

@@ -19,7 +19,6 @@ segment that goes badly wrong does not rule the rest; it has n - 6 dimensions, s
 """
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numba
@@ -33,40 +32,24 @@ from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START
 
 NU = 8.0  # degrees of freedom of Student's t
 MIN_VARIANCE = 1e-10  # what is left of a difference of large numbers may be negative
-EM_STEPS_BEFORE_LEAPS = 2  # of a call that is to take so many, none is a leap
 EM_TOLERANCE = 1e-3  # relative change of the scales at which EM ends
 # share of its diagonal below which a pivot is rounding: some hundred times the smallest difference of numbers
 LEAST_PIVOT = 1e-13
 MOST_UNSHOWN = 3  # numbers of a segment that poses need not show: its twist; where the car is they always show
-PERSISTENCES = np.arange(0.0, 0.96, 0.005)  # correlations of neighbouring pushes that are tried
 MAX_ROUNDING = 0.1  # share of nu by which rounding may make a sum of squares negative
 
 
 class Scales(NamedTuple):
-    """Standard deviations of the noise (m, m, rad) and of the pushes (m/s^2, m/s^2, rad/s^2), and how these persist.
-
-    The pushes of a segment are a stationary autoregression: p_k+1 = rho p_k + sqrt(1 - rho^2) q N(0, 1), since what
-    pushes a car, such as a rough floor, lasts for longer than an instant.
-    """
+    """Standard deviations of the noise (m, m, rad) and of the pushes (m/s^2, m/s^2, rad/s^2)."""
 
     r: Floats  # (3,)
     q: Floats  # (3,)
-    rho: Floats = np.zeros(3)  # correlation of a push with the next one, 0.125 s later
 
-    def nuisance_precision(self) -> Floats:
-        """Prior precision (N_NUISANCE, N_NUISANCE) of [initial state, pushes]: zero for the initial state."""
-        known = np.zeros((N_NUISANCE, N_NUISANCE))
-        pushes = known[N_START:, N_START:].reshape(KNOTS, 3, KNOTS, 3)
-        for c in range(3):
-            pushes[:, c, :, c] = autoregressive_precision(self.rho[c]) / self.q[c] ** 2
+    def nuisance_precisions(self) -> Floats:
+        """Prior precisions (N_NUISANCE,) of [initial state, pushes]: zero for the initial state, 1/q^2 for pushes."""
+        known = np.zeros(N_NUISANCE)
+        known[N_START:].reshape(KNOTS, 3)[:] = self.q**-2.0
         return known
-
-
-def autoregressive_precision(rho: float) -> Floats:
-    """Inverse (KNOTS, KNOTS) of the correlation rho^|i - j| of an autoregression."""
-    inner = np.diag([1.0, *np.full(KNOTS - 2, 1.0 + rho**2), 1.0])
-    beside = np.eye(KNOTS, k=1) + np.eye(KNOTS, k=-1)
-    return np.asarray((inner - rho * beside) / (1.0 - rho**2))
 
 
 UNLIMITED = Scales(np.full(3, math.inf), np.full(3, math.inf))
@@ -99,7 +82,7 @@ def segment_moments(residual: Floats, A: Floats, first: Ints) -> Moments:
     """Products A^T A, A^T r, r^T r of each segment (rows `first[s]` to `first[s + 1]`) and channel (x, y, yaw).
 
     The `residual` r (N, 3) is measured less predicted poses; `A` (N, 3, N_NUISANCE) are the derivatives of predicted
-    poses by the nuisance parameters: each segment's initial state and pushes (constant disturbances over 0.125 s).
+    poses by the nuisance parameters: each segment's initial state and pushes (constant disturbances over 0.5 s).
     """
     S = len(first) - 1
     AA, Ar, rr = np.empty((S, 3, N_NUISANCE, N_NUISANCE)), np.empty((S, 3, N_NUISANCE)), np.empty((S, 3))
@@ -187,27 +170,29 @@ def solve_triangular(L: Floats, b: Floats) -> tuple[Floats, Floats]:
 
 
 @njit_parallel
-def eliminate_nuisance(moments: Moments, r: Floats, precision: Floats) -> MarginalTerms:
+def eliminate_nuisance(moments: Moments, r: Floats, precisions: Floats) -> MarginalTerms:
     """Marginal likelihood of each segment: chi^2, log-determinant, posterior mean and covariance of its nuisances.
 
-    Nuisance parameters (initial state, pushes: constant disturbances over 0.125 s) are integrated out in closed form,
+    Nuisance parameters (initial state, pushes: constant disturbances over 0.5 s) are integrated out in closed form,
     the predictions being linear in them (restricted likelihood).  `moments` are the products of `segment_moments`,
-    `r` (3,) the noise's standard deviations (m, m, rad), `precision` (N_NUISANCE, N_NUISANCE) the prior
-    precision, the inverse of a covariance: 0 for initial states.
+    `r` (3,) the noise's standard deviations (m, m, rad), `precisions` (N_NUISANCE,) prior precisions, 1/variance: 0
+    for initial states.
     """
     S = len(moments.rr)
     chi2, log_det, count = np.empty(S), np.empty(S), np.empty(S)
     zs, roots = np.empty((S, N_NUISANCE)), np.empty((S, N_NUISANCE, N_NUISANCE))
     Vs = np.empty((S, N_NUISANCE, N_NUISANCE))
     rests, spreads = np.empty((S, 3)), np.empty((S, 3))
-    constant = -log_determinant(cholesky_factor(precision[N_START:, N_START:]))
+    constant = -np.sum(np.log(precisions[N_START:]))
     for s in numba.prange(S):
         w_x, w_y, w_yaw = 1.0 / (r[0] * r[0]), 1.0 / (r[1] * r[1]), 1.0 / (r[2] * r[2])
         M = w_x * moments.AA[s, 0] + w_y * moments.AA[s, 1] + w_yaw * moments.AA[s, 2]
         b = w_x * moments.Ar[s, 0] + w_y * moments.Ar[s, 1] + w_yaw * moments.Ar[s, 2]
         square = w_x * moments.rr[s, 0] + w_y * moments.rr[s, 1] + w_yaw * moments.rr[s, 2]
         of_start = log_determinant(cholesky_factor(M[:N_START, :N_START] * (r[0] * r[1] * r[2]) ** (2.0 / 3.0)))
-        L = cholesky_factor(M + precision)
+        for i in range(N_NUISANCE):
+            M[i, i] += precisions[i]
+        L = cholesky_factor(M)
         root, (y, z) = inverse_of_triangle(L), solve_triangular(L, b)
         V = np.dot(root.T, root)
         chi2[s] = square - np.dot(y, y)
@@ -267,8 +252,8 @@ def student_log_densities(terms: MarginalTerms) -> Floats:
     return np.asarray(constant - 0.5 * terms.log_det - half * np.log1p(terms.chi2 / NU))
 
 
-def em_update(terms: MarginalTerms, rows: Ints, rho: Floats, most: Scales = UNLIMITED) -> Scales:
-    """Scales after one step of expectation maximisation (EM) from likelihood `terms`, where pushes persisted by `rho`.
+def em_update(terms: MarginalTerms, rows: Ints, most: Scales = UNLIMITED) -> Scales:
+    """Standard deviations of noise and pushes after one step of expectation maximisation (EM) from likelihood `terms`.
 
     `rows` (S,) counts the mean poses of each segment; scales are `most` at most.  Squared residuals and pushes are
     multiplied by the segment's robust weight, posterior variances are not: that would bias the scales, and raise the
@@ -278,34 +263,10 @@ def em_update(terms: MarginalTerms, rows: Ints, rho: Floats, most: Scales = UNLI
     w = robust_weights(terms)
     r2 = (w[:, None] * terms.rest + terms.spread).sum(axis=0) / rows.sum()
     pushes = terms.z[:, N_START:].reshape(-1, KNOTS, 3)
-    V = terms.V[:, N_START:, N_START:].reshape(-1, KNOTS, 3, KNOTS, 3)
-    products = np.einsum("s,sic,sjc->cij", w, pushes, pushes) + np.einsum("sicjc->cij", V)
-    products /= len(pushes) * w.mean()
-    r2 /= w.mean()
-    q2 = np.array([np.sum(autoregressive_precision(rho[c]) * products[c]) / KNOTS for c in range(3)])
-    r, q = (np.sqrt(np.maximum(square, MIN_VARIANCE)) for square in (r2, q2))
-    rho = np.array([_likeliest_persistence(products[c] / q[c] ** 2) for c in range(3)])
-    return Scales(np.minimum(r, most.r), np.minimum(q, most.q), rho)
-
-
-def _likeliest_persistence(products: Floats) -> float:
-    """The rho in the range of PERSISTENCES that makes pushes over their standard deviation likeliest.
-
-    `products` (KNOTS, KNOTS) are means over segments.
-
-    Of an autoregression the log-likelihood is -(K - 1)/2 log(1 - rho^2) - (a - 2 rho b + rho^2 c)/(2 (1 - rho^2)), with
-    a the sum of all squares, b of products of neighbours, c of the squares of those with two neighbours.
-    """
-    a, b, c = np.trace(products), np.trace(products, offset=1), np.trace(products[1:-1, 1:-1])
-    free = 1.0 - PERSISTENCES**2
-    nats = -0.5 * (KNOTS - 1) * np.log(free) - 0.5 * (a - 2.0 * PERSISTENCES * b + PERSISTENCES**2 * c) / free
-    best = int(np.argmax(nats))
-    if best in (0, len(nats) - 1):
-        return float(PERSISTENCES[best])
-    # the vertex of the parabola through three neighbours, as a likelihood that moves by steps has no slope
-    before, there, after = nats[best - 1 : best + 2]
-    step = PERSISTENCES[1] - PERSISTENCES[0]
-    return float(PERSISTENCES[best] + 0.5 * step * (before - after) / (before - 2.0 * there + after))
+    spread = np.einsum("skk->sk", terms.V)[:, N_START:].reshape(-1, KNOTS, 3)
+    q2 = (w[:, None, None] * pushes**2 + spread).mean(axis=(0, 1))
+    r, q = (np.sqrt(np.maximum(square / w.mean(), MIN_VARIANCE)) for square in (r2, q2))
+    return Scales(np.minimum(r, most.r), np.minimum(q, most.q))
 
 
 def checked_marginal_terms(moments: Moments, scales: Scales) -> MarginalTerms:
@@ -333,7 +294,7 @@ def _require_resolved_answers(moments: Moments) -> None:
 
 def _terms_within_rounding(moments: Moments, scales: Scales) -> MarginalTerms:
     """The terms of `eliminate_nuisance`; raises `PredictionDiverged` where rounding makes a chi^2 negative."""
-    terms = eliminate_nuisance(moments, scales.r, scales.nuisance_precision())
+    terms = eliminate_nuisance(moments, scales.r, scales.nuisance_precisions())
     # an unstable car answers so strongly that a difference of large numbers is lost
     if not (terms.chi2 > -MAX_ROUNDING * NU).all():
         raise PredictionDiverged("a quadratic form was lost in rounding")
@@ -343,53 +304,21 @@ def _terms_within_rounding(moments: Moments, scales: Scales) -> MarginalTerms:
 def estimate_scales(
     moments: Moments, scales: Scales, steps: int, most: Scales = UNLIMITED
 ) -> tuple[Scales, MarginalTerms]:
-    """Maximum-likelihood scales of noise and pushes, and the segments' marginal likelihood terms there.
+    """Maximum-likelihood standard deviations of noise and pushes, and the segments' marginal likelihood terms there.
 
     Expectation maximisation (EM) takes at most `steps` from `scales`, and ends where they change by less than the
-    relative EM_TOLERANCE; `steps` = 0 only evaluates.  After every second step it leaps to where the last two lead
-    (SQUAREM; Varadhan and Roland 2008), if that is likelier: pushes that poses hardly show it would take hundreds of
-    steps to size.  Scales are `most` at most.  `moments` are the segments' products of residuals and derivatives by
-    nuisances (`segment_moments`).
+    relative EM_TOLERANCE; `steps` = 0 only evaluates.  Scales are `most` at most.  `moments` are the
+    segments' products of residuals and derivatives by nuisances (`segment_moments`).
 
     Raises:
         PredictionDiverged: where a prediction or a scale is not finite, or rounding makes a chi^2 negative.
     """
     require_finite("a prediction", moments.rr, moments.AA)
-    terms, path = checked_marginal_terms(moments, scales), [scales]
+    terms = checked_marginal_terms(moments, scales)
     for _ in range(steps):
-        scales = em_update(terms, moments.rows, scales.rho, most)
+        before, scales = scales, em_update(terms, moments.rows, most)
         require_finite("the noise", scales.r, scales.q)
         terms = _terms_within_rounding(moments, scales)
-        if np.allclose(_as_vector(path[-1]), _as_vector(scales), rtol=0.0, atol=EM_TOLERANCE):
+        if np.allclose(np.r_[before.r, before.q], np.r_[scales.r, scales.q], rtol=EM_TOLERANCE, atol=0.0):
             break
-        path.append(scales)
-        if len(path) > 2 and len(path) % 2 and steps > EM_STEPS_BEFORE_LEAPS:
-            scales, terms = _leap(path[-3:], terms, moments, most)
-            path = [scales]
     return scales, terms
-
-
-def _leap(path: Sequence[Scales], terms: MarginalTerms, moments: Moments, most: Scales) -> tuple[Scales, MarginalTerms]:
-    """The scales to which two steps of EM along a `path` lead, and the terms there; its end where that is likelier."""
-    before, between, end = (_as_vector(scales) for scales in path)
-    step, bend = between - before, end - 2.0 * between + before
-    length = -max(float(np.linalg.norm(step) / max(np.linalg.norm(bend), 1e-12)), 1.0)
-    ahead = _from_vector(before - 2.0 * length * step + length**2 * bend, most)
-    try:
-        there = _terms_within_rounding(moments, ahead)
-    except PredictionDiverged:
-        return path[-1], terms
-    likelier = student_log_densities(there).sum() > student_log_densities(terms).sum()
-    return (ahead, there) if likelier else (path[-1], terms)
-
-
-def _as_vector(scales: Scales) -> Floats:
-    """Scales as (9,) numbers of alike size: logarithms of standard deviations, and rho."""
-    return np.r_[np.log(scales.r), np.log(scales.q), scales.rho]
-
-
-def _from_vector(vector: Floats, most: Scales) -> Scales:
-    """The scales of `_as_vector`, within their ranges."""
-    r, q = (np.sqrt(np.maximum(np.exp(2.0 * log), MIN_VARIANCE)) for log in (vector[:3], vector[3:6]))
-    rho = np.clip(vector[6:], PERSISTENCES[0], PERSISTENCES[-1])
-    return Scales(np.minimum(r, most.r), np.minimum(q, most.q), rho)

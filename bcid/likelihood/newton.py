@@ -51,8 +51,7 @@ def slope_and_curvature(problem: RefitProblem, state: RefitState, J: Floats) -> 
     """Gradient (n,) and Gauss-Newton curvature (n, n), about -Hessian, of log-likelihood plus log prior by phi.
 
     phi is the parameter vector (log base parameters, drag, effects' parameters), and J (N, 3, n) are the derivatives of
-    the predicted poses by it.  The slope is that of chi^2: how the poses' answers to pushes change with phi, and log|M|
-    with them, is left out, up to a nat a standard error on a rough floor.
+    the predicted poses by it.
 
     Raises:
         PredictionDiverged: either is not finite, as where a derivative is beyond what its square can be.

@@ -221,7 +221,7 @@ def _state_along_tangent(problem: RefitProblem, phi: Floats, state: RefitState) 
 def evaluate_fixed(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit:
     """A fit whose parameter vector is the given phi: only initial states, pushes and standard deviations are estimated.
 
-    Pushes are disturbances, constant over 0.125 s; `scales` (noise and pushes) is the start.  The covariance of phi is
+    Pushes are disturbances, constant over 0.5 s; `scales` (noise and pushes) is the start.  The covariance of phi is
     zero.
     """
     problem = RefitProblem(take, hypothesis, Prior.normal(phi, np.zeros_like(phi)))

@@ -16,7 +16,7 @@ from bcid.likelihood.prior import Prior
 from bcid.likelihood.take import N_START, Take
 
 MIN_GAIN = 0.5  # nats, less than which counts for nothing
-EM_STEPS, MAX_EM_STEPS = 2, 60  # on the way along a tangent, and where the scales have to converge
+EM_STEPS, MAX_EM_STEPS = 2, 20  # on the way along a tangent, and where the scales have to converge
 
 
 class Tangent(NamedTuple):
