@@ -9,24 +9,16 @@ printed as a row of JSON.
 from __future__ import annotations
 
 import json
-import os
 import sys
-import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from large_recordings import RATE_HZ, VEHICLE, write_large_mcap, write_large_motive
 
+from bcid.bench.fleets import run_and_weigh
+
 ROW_BYTES, MARKER_BYTES = 95, 37  # of a Motive export with the car alone, and of every marker more
 MOST_MARKERS = 3000  # of which a row has less than the most columns that are read
-
-
-def run_and_measure(command: list[str]) -> tuple[int, float, float]:
-    """Exit status of a command, its largest resident memory (MiB), and the time (s) that it took."""
-    begin = time.perf_counter()
-    pid = os.posix_spawnp(command[0], command, os.environ, file_actions=[(os.POSIX_SPAWN_OPEN, 1, os.devnull, 1, 0)])
-    _, status, usage = os.wait4(pid, 0)
-    return os.waitstatus_to_exitcode(status), usage.ru_maxrss / 1024.0, time.perf_counter() - begin
 
 
 def main(kind: str, gigabytes: float, hours: float, command: str = "ingest") -> None:
@@ -41,10 +33,10 @@ def main(kind: str, gigabytes: float, hours: float, command: str = "ingest") -> 
         else:
             path = write_large_mcap(folder / "take.mcap", count, size, as_json=kind == "mcap-json")
         words = [sys.executable, "-m", "bcid", command, str(path), "--vehicle", str(folder / "vehicle.toml")]
-        status, peak, seconds = run_and_measure([*words, "--out", str(folder / "work")])
+        run = run_and_weigh([*words, "--out", str(folder / "work")])
         row = {
             "kind": kind, "command": command, "gigabytes": round(path.stat().st_size / 1e9, 2), "poses": count,
-            "hours": hours, "exit": status, "peak_mib": round(peak), "seconds": round(seconds),
+            "hours": hours, "exit": run.status, "peak_mib": round(run.peak_mib), "seconds": round(run.wall_s),
         }  # fmt: skip
     print(json.dumps(row))  # noqa: T201
 

@@ -285,7 +285,7 @@ def test_a_table_that_says_too_little_is_refused(tmp_path: Path, text: str, caus
         label_logs([tmp_path / "one.csv", tmp_path / "two.csv"], ["one", "two"], table)
 
 
-def diagnosed(i: int, K_t: float) -> DiagnosedLog:
+def diagnosed_log(i: int, K_t: float) -> DiagnosedLog:
     """One of twelve logs, with a motor constant; those in HAVING have a rough patch somewhere."""
     has_it = i in HAVING
     patch = {"b": Quantity(value=30.0, se=1.0, unit="kg s^-1"), "x": Quantity(value=1.0 + i, se=0.01, unit="m")}
@@ -308,7 +308,7 @@ def fleet_document(logs: list[DiagnosedLog], days: tuple[str, ...] = ALL_DAYS) -
 
 def test_diagnoses_are_put_into_words_and_on_a_page(tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
-    logs = [diagnosed(i, 2.0 * (1.1 if DAYS[i] == 2 else 1.0) + 0.02 * rng.normal()) for i in range(len(DAYS))]
+    logs = [diagnosed_log(i, 2.0 * (1.1 if DAYS[i] == 2 else 1.0) + 0.02 * rng.normal()) for i in range(len(DAYS))]
     document = fleet_document(logs, (*ALL_DAYS, "2026-12-01"))
     together = document.together
     assert together is not None
@@ -332,7 +332,7 @@ def test_diagnoses_are_put_into_words_and_on_a_page(tmp_path: Path) -> None:
 
 
 def test_a_log_that_cannot_say_is_not_listed_and_leaves_a_gap_on_the_page(tmp_path: Path) -> None:
-    logs = [diagnosed(i, 2.0) for i in range(len(DAYS))]
+    logs = [diagnosed_log(i, 2.0) for i in range(len(DAYS))]
     silent = logs[0].document.model_copy(update={"others_nats": QUIET})
     document = fleet_document([logs[0]._replace(document=silent), *logs[1:]])
     assert document.together is not None
@@ -341,7 +341,7 @@ def test_a_log_that_cannot_say_is_not_listed_and_leaves_a_gap_on_the_page(tmp_pa
 
 
 def test_an_effect_that_a_log_has_without_naming_it_has_no_size_over_days() -> None:
-    logs = [diagnosed(i, 2.0) for i in range(len(DAYS))]
+    logs = [diagnosed_log(i, 2.0) for i in range(len(DAYS))]
     weak = logs[HAVING[0]].document.model_copy(
         update={"findings": (), "rivals": (), "others_nats": QUIET | {"rough_patch": 25.0}}
     )
@@ -361,9 +361,9 @@ def test_a_change_in_either_sign_is_told_with_its_interval() -> None:
 
 
 def test_numbers_that_are_none_do_not_count() -> None:
-    document = diagnosed(5, 2.0).document.model_copy(update={"others_nats": QUIET | {EFFECT: float("nan")}})
+    document = diagnosed_log(5, 2.0).document.model_copy(update={"others_nats": QUIET | {EFFECT: float("nan")}})
     assert EFFECT not in LogEvidence.of_diagnosis(document).effects
 
 
 def test_one_diagnosed_log_says_nothing_of_a_fleet() -> None:
-    assert diagnose_together([diagnosed(0, 2.0)], ALL_DAYS) is None
+    assert diagnose_together([diagnosed_log(0, 2.0)], ALL_DAYS) is None

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -36,6 +36,15 @@ class FleetCost(NamedTuple):
     cpu_s: float  # of all processes
     peak_mib: float  # largest resident memory of any one process
     disk_mib: float  # of the workspace
+
+
+class WeighedRun(NamedTuple):
+    """What a command and all that it has started took."""
+
+    status: int  # with which it ended
+    wall_s: float
+    cpu_s: float
+    peak_mib: float  # largest resident memory of any one process
 
 
 def measure_fleets(
@@ -69,39 +78,46 @@ def _write_log(home: Path, number: int, seconds: float) -> Path:
 
 
 def _run_fleet(home: Path, logs: Sequence[Path], workers: int, dask: str | None, out: Path) -> FleetCost:
-    """Run `bcid fleet` on logs, and weigh it.
-
-    Raises:
-        UsageError: this is Windows, which does not tell what a process and all that it has started took.
-    """
-    if sys.platform == "win32":
-        raise UsageError("fleets are weighed as POSIX systems do\n  next: run it on Linux")
+    """Run `bcid fleet` on logs, and weigh it."""
     where = ["--jobs", str(workers)] if dask is None else ["--dask", dask]
     words = ["fleet", *map(str, logs), "--vehicle", str(home / VEHICLE_FILE), "--out", str(out), *where]
-    ask = _cluster_usage(dask) if dask is not None else None
-    before, begin = ask() if ask else {}, time.perf_counter()
-    command = [sys.executable, "-m", "bcid", *words, "--format", "quiet"]
-    null = [(os.POSIX_SPAWN_OPEN, n, os.devnull, 1, 0) for n in (1, 2)]
-    pid = os.posix_spawn(sys.executable, command, os.environ, file_actions=null)
-    _, _, usage = os.wait4(pid, 0)  # its children's included
-    wall, after = time.perf_counter() - begin, ask() if ask else {}
-    cpu = (
-        usage.ru_utime + usage.ru_stime + sum(cpu for cpu, _ in after.values()) - sum(cpu for cpu, _ in before.values())
-    )
-    peak = max([usage.ru_maxrss / 1024.0, *(mib for _, mib in after.values())])
+    before = _cluster_usage(dask)
+    run = run_and_weigh([sys.executable, "-m", "bcid", *words, "--format", "quiet"])
+    after = _cluster_usage(dask)
+    on_cluster = sum(cpu for cpu, _ in after.values()) - sum(cpu for cpu, _ in before.values())
+    peak = max([run.peak_mib, *(mib for _, mib in after.values())])
     rows = FleetDocument.read(out / "fleet.json").logs
     size = sum(path.stat().st_size for path in out.rglob("*") if path.is_file()) / 2**20
     return FleetCost(
-        len(logs), len(after) or workers, sum(row.state != "done" for row in rows), wall, cpu, peak, size
+        len(logs), len(after) or workers, sum(row.state != "done" for row in rows), run.wall_s, run.cpu_s + on_cluster,
+        peak, size,
     )  # fmt: skip
 
 
-def _cluster_usage(dask: str) -> Callable[[], dict[str, tuple[float, float]]]:
-    """A function that gives CPU time (s) and largest resident memory (MiB) of each worker of a Dask cluster."""
+def run_and_weigh(command: list[str]) -> WeighedRun:
+    """Run a command, whose output is dropped, and what it and all that it has started took.
+
+    Raises:
+        UsageError: this is Windows, which does not tell.
+    """
+    if sys.platform == "win32":
+        raise UsageError("fleets are weighed as POSIX systems do\n  next: run it on Linux")
+    begin = time.perf_counter()
+    dropped = [(os.POSIX_SPAWN_OPEN, n, os.devnull, 1, 0) for n in (1, 2)]
+    pid = os.posix_spawnp(command[0], command, os.environ, file_actions=dropped)
+    _, status, usage = os.wait4(pid, 0)
+    wall_s, cpu_s = time.perf_counter() - begin, usage.ru_utime + usage.ru_stime
+    return WeighedRun(os.waitstatus_to_exitcode(status), wall_s, cpu_s, usage.ru_maxrss / 1024.0)
+
+
+def _cluster_usage(dask: str | None) -> dict[str, tuple[float, float]]:
+    """CPU time (s) and largest resident memory (MiB) of each worker of a Dask cluster; empty without one."""
+    if dask is None:
+        return {}
     from distributed import Client
 
-    client = Client(dask, set_as_default=False)  # type: ignore[no-untyped-call]
-    return lambda: dict(client.run(process_usage))
+    with Client(dask, set_as_default=False) as client:  # type: ignore[no-untyped-call]
+        return dict(client.run(process_usage))
 
 
 def process_usage() -> tuple[float, float]:

@@ -11,6 +11,10 @@ LogState = Literal["done", "partly", "failed"]
 """Whether all of a log's stages are done; some of them, a fit or a diagnosis among them; or none of these."""
 
 
+PRESENT = 0.5
+"""Probability above which a log counts as one that has an effect."""
+
+
 class KeptArtifact(Part):
     """An artifact that is kept of a log: the folder WORKSPACE/`stage`/`key`."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.effects.table import EFFECTS
@@ -34,7 +35,7 @@ class LogEvidence:
         unseen = frozenset(each.effect for each in document.not_excited)
         return cls(named, _finite(document.others_nats.items()), instead, document.stretches or 1, unseen)
 
-    @property
+    @cached_property
     def effects(self) -> set[str]:
         """The effects of which the log says something: those that it names, and those that its drive excites."""
         said = {*self.others, *(other for _, other in self.instead)}

@@ -89,9 +89,8 @@ class _Design(NamedTuple):
         b, covariance, weights = self.solve(tau)
         by_log = covariance @ (self.X.T * weights)
         V = float(contrast @ covariance @ contrast)
-        slope = float(
-            np.sum((contrast @ by_log) ** 2)
-        )  # of V by tau^2: each log's variance counts by its weight squared
+        # of V by tau^2: each log's variance counts by its weight squared
+        slope = float(np.sum((contrast @ by_log) ** 2))
         P = np.diag(weights) - (weights[:, None] * self.X) @ by_log
         variance_of_tau2 = 2.0 / float(np.sum(P * P.T))
         freedom = 2.0 * V**2 / (slope**2 * variance_of_tau2)
@@ -120,7 +119,7 @@ def fit_days(values: Floats, se: Floats, days: Sequence[int], cars: Sequence[str
     tau, c, n = scale * float(np.exp(likeliest.x)), len(known_cars), X.shape[1]
     deltas = [np.zeros(n), *np.eye(n)[c:]]  # of each day beside the first
     mean = np.r_[np.full(c, 1.0 / c), np.zeros(n - c)]
-    rows = [(day, delta) for day, delta in zip(known_days, deltas, strict=True)]
+    rows = list(zip(known_days, deltas, strict=True))
     means = tuple(logs.estimate(mean + delta, day, tau, freedom) for day, delta in rows if logs.compares(mean + delta))
     changes = tuple(logs.estimate(delta, day, tau, freedom) for day, delta in rows[1:] if logs.compares(delta))
     return DayModel(tau, known_days[0], means, changes)

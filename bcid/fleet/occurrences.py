@@ -27,13 +27,12 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from bcid.aliases import Floats, Ints
+from bcid.documents.fleet import PRESENT
 from bcid.fleet.limits import LIMITS
 from bcid.fleet.log_evidence import LogEvidence
 
 SHARES = (np.arange(200) + 0.5) / 200.0
 """Shares pi over which the evidence is averaged."""
-PRESENT = 0.5
-"""Probability above which a log counts as one that has an effect."""
 
 
 class Occurrence(NamedTuple):
@@ -107,9 +106,7 @@ def _log_ratio(log: LogEvidence, effect: str, usual: float | None, explained: Ma
 
     `explained` is the probability that the log has each of the effects that were found.
     """
-    beside = max(
-        (p for name, p in explained.items() if _stand_for_each_other(log, name, effect)), default=0.0
-    )  # fmt: skip
+    beside = max((p for name, p in explained.items() if _stand_for_each_other(log, name, effect)), default=0.0)
     ways = [(log.beside(effect), 1.0 - beside)]
     ways += [(nats, 1.0 - explained.get(finding, 0.0)) for finding, nats in log.in_place(effect).items()]
     instead = [log.best(other) for other in log.effects if other != effect and log.are_alternatives(effect, other)]

@@ -50,7 +50,7 @@ def run_fleet(
     return FleetDocument(
         vehicle=vehicle, models=order.models, diagnosed=order.diagnose,
         logs=tuple(fleet.row_of(number) for number in range(len(logs))),
-        together=diagnose_together(fleet.diagnosed(), labels.days),
+        together=diagnose_together(fleet.diagnosed_logs(), labels.days),
     )  # fmt: skip
 
 
@@ -119,7 +119,7 @@ class _Fleet:
         })  # fmt: skip
         return row.model_copy(update={"state": state_of(row)})
 
-    def diagnosed(self) -> list[DiagnosedLog]:
+    def diagnosed_logs(self) -> list[DiagnosedLog]:
         """The logs that were diagnosed, with what was found."""
         home = self.order.settings.workspace / "diagnose"
         return [

@@ -9,13 +9,21 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.documents.diagnosis import DiagnosisDocument, Quantity
-from bcid.documents.fleet import DayValue, FleetDiagnosis, FleetEffect, FleetParameter, LogValue, MovedParameter
+from bcid.documents.fleet import (
+    PRESENT,
+    DayValue,
+    FleetDiagnosis,
+    FleetEffect,
+    FleetParameter,
+    LogValue,
+    MovedParameter,
+)
 from bcid.effects.table import EFFECTS
 from bcid.fleet.labels import LogLabel
 from bcid.fleet.limits import LIMITS
 from bcid.fleet.log_evidence import LogEvidence
 from bcid.fleet.moved import Contrast, DayModel, fit_days, reject_at_false_share
-from bcid.fleet.occurrences import PRESENT, Occurrence, find_occurrences
+from bcid.fleet.occurrences import Occurrence, find_occurrences
 
 
 class DiagnosedLog(NamedTuple):
@@ -32,19 +40,18 @@ class _Series(NamedTuple):
     symbol: str
     unit: str
     logs: tuple[DiagnosedLog, ...]
-    quantities: tuple[Quantity, ...]
+    values: Floats  # (I,)
+    errors: Floats  # (I,) standard errors
     relative: bool  # whether it is compared by its logarithm: it has one sign everywhere, and is known well
 
-    def columns(self) -> tuple[Floats, Floats]:
+    def compared(self) -> tuple[Floats, Floats]:
         """Values and standard errors (I,) of what is compared: the parameter, or the logarithm of its size."""
-        value = np.array([float(q.value or 0.0) for q in self.quantities])
-        se = np.array([float(q.se or 0.0) for q in self.quantities])
-        return (np.log(np.abs(value)), se / np.abs(value)) if self.relative else (value, se)
+        size = np.abs(self.values)
+        return (np.log(size), self.errors / size) if self.relative else (self.values, self.errors)
 
     def as_value(self, compared: float) -> float:
         """The parameter itself, of what is compared."""
-        sign = -1.0 if float(self.quantities[0].value or 0.0) < 0.0 else 1.0
-        return sign * float(np.exp(compared)) if self.relative else compared
+        return float(np.sign(self.values[0]) * np.exp(compared)) if self.relative else compared
 
 
 def diagnose_together(logs: Sequence[DiagnosedLog], days: Sequence[str]) -> FleetDiagnosis | None:
@@ -90,7 +97,7 @@ def _follow_parameters(
     """
     series = _car_series(logs) + [s for each in occurrences for s in _effect_series(logs, each)]
     models = [
-        fit_days(*s.columns(), [days.index(log.label.day) for log in s.logs], [log.label.car for log in s.logs])
+        fit_days(*s.compared(), [days.index(log.label.day) for log in s.logs], [log.label.car for log in s.logs])
         for s in series
     ]
     changes = [(s, model, change) for s, model in zip(series, models, strict=True) if model for change in model.changes]
@@ -144,7 +151,7 @@ def _make_series(symbol: str, logs: Sequence[DiagnosedLog], quantities: Sequence
     relative = bool(
         abs(np.sign(values).sum()) == len(values) and (errors < LIMITS.most_relative_se * abs(values)).all()
     )
-    return _Series(symbol, known[0][1].unit, tuple(log for log, _ in known), tuple(q for _, q in known), relative)
+    return _Series(symbol, known[0][1].unit, tuple(log for log, _ in known), values, errors, relative)
 
 
 def _describe_parameter(series: _Series, model: DayModel | None, days: Sequence[str]) -> FleetParameter:
@@ -153,8 +160,8 @@ def _describe_parameter(series: _Series, model: DayModel | None, days: Sequence[
         symbol=series.symbol, unit=series.unit, scatter=model.tau if model else None,
         days=tuple(_describe_mean(series, mean, days) for mean in (model.means if model else ())),
         logs=tuple(
-            LogValue(log=log.name, day=log.label.day, value=float(q.value or 0.0), se=float(q.se or 0.0))
-            for log, q in zip(series.logs, series.quantities, strict=True)
+            LogValue(log=log.name, day=log.label.day, value=value, se=se)
+            for log, value, se in zip(series.logs, series.values.tolist(), series.errors.tolist(), strict=True)
         ),
     )  # fmt: skip
 

@@ -9,8 +9,8 @@ from markupsafe import Markup
 from bcid.aliases import Floats
 from bcid.documents.fleet import FleetDocument, FleetParameter
 from bcid.report.canvas import AFTER, BEFORE, INK, MUTED, TEXT_SIZE, Picture, create_panel, render_svg
-from bcid.report.fleet_words import fleet_sentences
-from bcid.report.formats import format_number, plain_name, symbol_text, unit_text
+from bcid.report.fleet_words import fleet_sentences, name_of_parameter
+from bcid.report.formats import format_number, plain_name, unit_text
 from bcid.report.templates import write_page
 
 STRIP_HEIGHT = 1.5  # inches
@@ -42,8 +42,7 @@ def draw_strips(document: FleetDocument) -> Picture | None:
 
 def _draw_strip(parameter: FleetParameter, days: tuple[str, ...], moved: set[tuple[str, str]]) -> Markup:
     """One parameter over the days, as an SVG element."""
-    effect, _, symbol = parameter.symbol.rpartition(".")
-    title = f"{symbol_text(symbol)} of {plain_name(effect)}" if effect else symbol_text(symbol)
+    title = name_of_parameter(parameter.symbol)
     figure, ax = create_panel(STRIP_HEIGHT, f"{title} ({unit_text(parameter.unit)})".replace(" ()", ""))
     for k, day in enumerate(days):
         own = [log for log in parameter.logs if log.day == day]

@@ -1,11 +1,8 @@
 """What the logs of a fleet say together, in sentences: which effect the cars have since when, and what moved."""
 
-from bcid.documents.fleet import FleetDiagnosis, FleetDocument, FleetEffect, MovedParameter
+from bcid.documents.fleet import PRESENT, FleetDiagnosis, FleetDocument, FleetEffect, MovedParameter
 from bcid.report.budget_words import percent, percent_range
 from bcid.report.formats import format_number, join_words, plain_name, symbol_text, unit_text
-
-CERTAIN = 0.5
-"""Probability above which an effect is said to be in a log."""
 
 
 def fleet_sentences(document: FleetDocument) -> list[str]:
@@ -20,7 +17,7 @@ def fleet_sentences(document: FleetDocument) -> list[str]:
 
 def effect_sentence(effect: FleetEffect, several_days: bool, who: str) -> str:
     """Which effect the fleet has, since when, in what share of the cars or logs, `who`, and in which logs."""
-    having = [name for name, p in effect.in_logs.items() if p > CERTAIN]
+    having = [name for name, p in effect.in_logs.items() if p > PRESENT]
     name = plain_name(effect.effect)
     text = f"{name[0].upper()}{name[1:]}"
     if effect.twins:
@@ -52,19 +49,27 @@ def day_sentences(together: FleetDiagnosis) -> list[str]:
     return [*sentences, *unknown]
 
 
+def name_of_parameter(symbol: str) -> str:
+    """What a parameter is called: its symbol, and of which effect it is where it is written as effect.symbol.
+
+    >>> name_of_parameter("K_t"), name_of_parameter("motor_lag.tau")
+    ('K_t', 'τ of motor lag')
+    """
+    effect, _, own = symbol.rpartition(".")
+    return f"{symbol_text(own)} of {plain_name(effect)}" if effect else symbol_text(own)
+
+
 def change_in_words(moved: MovedParameter) -> str:
     """By how much a parameter is another, with its interval: "K_t +8 % (6 to 10 %)"."""
-    symbol = symbol_text(moved.symbol.rpartition(".")[2])
-    effect = moved.symbol.rpartition(".")[0]
-    name = f"{symbol} of {plain_name(effect)}" if effect else symbol
+    name = name_of_parameter(moved.symbol)
     if moved.relative:
         low, high = (format_number(100.0 * x, 2) for x in moved.interval)
-        return f"{name} {_signed(100.0 * moved.change)} % ({low} to {high} %)"
+        return f"{name} {_format_signed(100.0 * moved.change)} % ({low} to {high} %)"
     low, high = (format_number(x, 2) for x in moved.interval)
     unit = f" {unit_text(moved.unit)}".rstrip()
-    return f"{name} {_signed(moved.change)}{unit} ({low} to {high}{unit})"
+    return f"{name} {_format_signed(moved.change)}{unit} ({low} to {high}{unit})"
 
 
-def _signed(value: float) -> str:
+def _format_signed(value: float) -> str:
     """A number with its sign, whichever that is."""
     return f"{'+' if value > 0.0 else ''}{format_number(value, 2)}"
