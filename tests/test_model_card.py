@@ -30,3 +30,11 @@ def test_what_only_judges_is_told_apart(tmp_path: Path, trained: bool) -> None:
     text = page.read_text(encoding="utf-8")
     assert ("driven in the training takes" in text) == trained
     assert "driven in the validation take" in text
+
+
+def test_two_runs_can_leave_the_same_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """SOURCE_DATE_EPOCH is the date of a card, as it is of reproducible builds; else a card has today's."""
+    origin = Origin("car", DataFile(name="car.toml", sha256="ab" * 32), (), "bcid report")
+    assert origin.card(not_for=()).made != "2027-01-15T08:00:00Z"
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1800000000")
+    assert origin.card(not_for=()).made == "2027-01-15T08:00:00Z"

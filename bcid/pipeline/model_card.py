@@ -1,5 +1,6 @@
 """The model card of a diagnosis or of a comparison: its data, when and how it was made, where it holds."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -59,9 +60,15 @@ class Origin:
         )
         return ModelCard(
             vehicle=self.vehicle, vehicle_file=self.vehicle_file, data=data,
-            duration_s=sum(s.duration_s for s in summaries), made=f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
+            duration_s=sum(s.duration_s for s in summaries), made=f"{_now():%Y-%m-%dT%H:%M:%SZ}",
             program=f"bcid {__version__}", command=self.command, **more,
         )  # fmt: skip
+
+
+def _now() -> datetime:
+    """The time of day, or what SOURCE_DATE_EPOCH says it is (s), by which two runs can leave the same bytes."""
+    stated = os.environ.get("SOURCE_DATE_EPOCH")
+    return datetime.fromtimestamp(int(stated), UTC) if stated and stated.isdigit() else datetime.now(UTC)
 
 
 def describe_diagnosed_model(origin: Origin, diagnosis: DiagnosisDocument, folder: Path) -> ModelCard:

@@ -22,10 +22,10 @@ from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
 from bcid.simulation.samples import VEHICLE, SampleTake, write_sample_take
 
 PIPELINE = """\
-vehicle = "car.toml"
-training = ["first.csv", "second.mcap"]
-validation = "third.csv"
-workspace = "{workspace}"
+vehicle = "../car.toml"
+training = ["../first.csv", "../second.mcap"]
+validation = "../third.csv"
+workspace = "workspace"
 seed = 1
 models = ["newton-euler", "k-sindy"]
 [report]
@@ -40,12 +40,21 @@ def prepared(folder: Path) -> None:
         write_sample_take(folder, SampleTake(name, kind, 60.0), Plant(**REAL_EXTRAS), Sensor(), 20 + i)  # type: ignore[arg-type]
 
 
-def start(folder: Path, workspace: str) -> subprocess.Popen[bytes]:
-    """A run of the pipeline into a workspace of its own."""
-    pipeline = folder / f"{workspace}.toml"
-    pipeline.write_text(PIPELINE.format(workspace=workspace))
-    words = [sys.executable, "-m", "bcid", "run", "-p", str(pipeline), "--format", "quiet"]
-    return subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True)
+def start(folder: Path, name: str) -> subprocess.Popen[bytes]:
+    """A run of the pipeline in a folder of its own; pages tell the command and the date, so that both are the same."""
+    home = folder / name
+    home.mkdir(exist_ok=True)
+    (home / "pipeline.toml").write_text(PIPELINE)
+    words = [sys.executable, "-m", "bcid", "run", "-p", "pipeline.toml", "--format", "quiet"]
+    same = {**os.environ, "SOURCE_DATE_EPOCH": "1800000000"}
+    return subprocess.Popen(
+        words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True, cwd=home, env=same
+    )
+
+
+def workspace(folder: Path, name: str) -> Path:
+    """Where that run leaves its artifacts."""
+    return folder / name / "workspace"
 
 
 def contents(workspace: Path) -> dict[str, str]:
@@ -67,10 +76,10 @@ def one_kill(folder: Path, number: int, lasts_s: float, whole: dict[str, str]) -
     time.sleep(float(rng.uniform(0.0, lasts_s)))
     os.killpg(run.pid, signal.SIGKILL)
     run.wait()
-    stages = [p.name for p in (folder / name).glob("*") if not p.name.startswith(".")]
+    stages = [p.name for p in workspace(folder, name).glob("*") if not p.name.startswith(".")]
     again = start(folder, name)
     _, text = again.communicate()
-    found = contents(folder / name)
+    found = contents(workspace(folder, name))
     outcome = "same"
     if again.returncode != 0:
         outcome = f"exit {again.returncode}: {text.decode(errors='replace')[-300:]}"
@@ -92,7 +101,7 @@ def killed(n: int, workers: int, report: Callable[[str], None]) -> tuple[dict[st
                 if run.returncode != 0:
                     raise RuntimeError(text.decode(errors="replace"))
             lasts_s = time.monotonic() - begun
-        whole, twice = contents(folder / "whole"), contents(folder / "twice")
+        whole, twice = contents(workspace(folder, "whole")), contents(workspace(folder, "twice"))
         with ThreadPoolExecutor(workers) as pool:
             rows = []
             for row in pool.map(lambda k: one_kill(folder, k, lasts_s, whole), range(n)):
