@@ -17,9 +17,9 @@ from bcid.errors import PredictionDiverged
 from bcid.likelihood import base_fit, newton
 from bcid.likelihood.base_fit import BASINS, FIRST_PUSH, GO_ON, BaseFits, first_cars, fit_base
 from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.marginal import UNLIMITED, Scales
 from bcid.likelihood.refit import THOROUGH, evaluate_fixed, refit
 from bcid.likelihood.refit_state import MIN_GAIN, Effort
-from bcid.likelihood.scales import UNLIMITED, Scales
 
 BASE = Hypothesis((), CAR, 2.012, Constants())
 SEGMENTS = 4 * base_fit.PART_SEGMENTS

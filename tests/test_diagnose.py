@@ -18,7 +18,6 @@ from bcid.cli.app import app
 from bcid.diagnosis import diagnose
 from bcid.diagnosis.diagnose import BaseFit, Diagnosis, diagnose_recordings
 from bcid.diagnosis.limits import JUDGE_LIMITS
-from bcid.diagnosis.locate.pushes import PARTS
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.diagnosis.summary import KNOT_UNITS, knot_columns, summarise_diagnosis
 from bcid.documents.model_card import ModelCard
@@ -30,7 +29,7 @@ from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
 from bcid.evaluation.validity import load_validity
 from bcid.likelihood.hypothesis import Hypothesis
-from bcid.likelihood.take import cut_segments, drop_contacts
+from bcid.likelihood.take import KNOTS, cut_segments, drop_contacts
 from bcid.models.saving import load_model
 from bcid.recording.checks.contacts import find_contacts
 from bcid.recording.read import read_recording
@@ -135,7 +134,7 @@ def test_nothing_is_found_where_nothing_is_missing(tmp_path: Path, vehicle: Vehi
     assert told.unexplained.gain_nats == 0.0
     assert not told.mismatch.detected
     columns = knot_columns(found)
-    assert columns.shape == (PARTS * found.take.segments, len(KNOT_UNITS))
+    assert columns.shape == (KNOTS * found.take.segments, len(KNOT_UNITS))
     np.testing.assert_array_equal(columns[:, -3:], columns[:, -6:-3])  # nothing named: before is after
 
 

@@ -63,7 +63,7 @@ def difference(take: Take, table: Floats, on: dict[str, float], h: float = 1e-4)
 
 KNOT = SEGMENT_S / FINE.knots  # s
 
-HELD = {"body_x": 1e-5, "rear_across": 1e-5, "yaw": 1e-5, "wheel_angle": 2e-4}
+HELD = {"body_x": 1e-5, "rear_across": 1e-5, "yaw": 1e-5, "wheel_angle": 1e-4}
 """Directions that do not turn within a knot, so that a constant is held exactly; by parts of the largest answer."""
 
 

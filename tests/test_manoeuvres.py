@@ -40,11 +40,11 @@ from bcid.likelihood.base_fit import fit_base
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
+from bcid.likelihood.marginal import Scales
 from bcid.likelihood.nuisance import linearise_nuisances, pose_residuals
 from bcid.likelihood.prepare import scale_at_speed
-from bcid.likelihood.refit import Fit, evaluate_fixed
-from bcid.likelihood.scales import Scales
-from bcid.likelihood.take import KNOT_S, KNOTS, N_NUISANCE, SEGMENT_S, Take, concatenate_takes
+from bcid.likelihood.refit import Fit
+from bcid.likelihood.take import N_NUISANCE, SEGMENT_S, Take, concatenate_takes
 from bcid.recording.formats.commands_file import read_commands_file
 from bcid.vehicle import Body, Motor, Steering, Vehicle
 
@@ -136,10 +136,10 @@ def test_the_noise_is_as_large_as_it_says() -> None:
     still, noisy = (taken(BASE, phi, Scales(r, np.zeros(3)), 120.0, seconds=120.0) for r in (np.zeros(3), SCALES.r))
     np.testing.assert_allclose((noisy.pose - still.pose).std(axis=0), SCALES.r, rtol=0.07)  # 5 sd of 2400 rows
     setting = BASE.prediction_inputs(phi, still)
-    # over knots of time h from rest pushes are v = a h each, and independent: after half a second q h sqrt(0.5/h)
+    # over one knot from rest a push is v = a t: the velocity after the first knot has sd q times half a second
     first = [simulate_states(setting, 0.5, SCALES, seed, np.zeros(6))[20, 3:] for seed in range(200)]
     at_rest = simulate_states(setting, 0.5, NO_NOISE, 0, np.zeros(6))[20, 3:]
-    assert np.std(np.array(first) - at_rest, axis=0)[0] == pytest.approx(np.sqrt(0.5 * KNOT_S) * SCALES.q[0], rel=0.25)
+    assert np.std(np.array(first) - at_rest, axis=0)[0] == pytest.approx(0.5 * SCALES.q[0], rel=0.25)
 
 
 def test_a_seed_is_a_take() -> None:
@@ -151,17 +151,10 @@ def test_a_seed_is_a_take() -> None:
 
 @pytest.mark.parametrize("rate_hz", [30.0, 10.0])
 def test_the_base_refit_recovers_scales_and_car(rate_hz: float) -> None:
-    """Pushes as small as what the noise hides may as well be smaller and last longer, in one drive of three."""
-    fits = []
-    for seed in (1, 2, 3):
-        take = taken(BASE, BASE.phi_of(CAR), SCALES, rate_hz, seed, seconds=120.0)
-        fits.append(fit_base(take, BASE, Scales(np.full(3, 1e-3), np.full(3, 0.05))).best)
-        np.testing.assert_allclose(fits[-1].scales.r, SCALES.r, rtol=0.1)
-        true = evaluate_fixed(take, BASE, BASE.phi_of(CAR), SCALES)
-        assert 0.0 < fits[-1].log_likelihood - true.log_likelihood < 10.0  # half a nat for each of ten parameters
-    np.testing.assert_allclose(np.median([fit.scales.q for fit in fits], axis=0), SCALES.q, rtol=0.25)
-    assert np.median([fit.scales.rho for fit in fits]) < 0.2
-    fit = fits[0]
+    take = taken(BASE, BASE.phi_of(CAR), SCALES, rate_hz, seconds=120.0)
+    fit = fit_base(take, BASE, Scales(np.full(3, 1e-3), np.full(3, 0.05))).best
+    np.testing.assert_allclose(fit.scales.r, SCALES.r, rtol=0.1)
+    np.testing.assert_allclose(fit.scales.q, SCALES.q, rtol=0.25)
     for symbol in ("F_m_max", "K_t", "K_b", "I_z", "C_f", "C_r", "F_f_max"):
         assert getattr(fit.car(), symbol) == pytest.approx(getattr(CAR, symbol), rel=0.03), symbol
 
@@ -200,7 +193,7 @@ def test_information_is_the_dense_algebra() -> None:
     J = parameter_jacobian(take, BASE, phi, take.start, r, range(BASE.base_size))
     A = linearise_nuisances(take, setting, take.start).A
     found = segment_information(take, setting, SCALES, J)
-    prior = np.r_[np.full(6, 1e4), np.tile(SCALES.q**2, KNOTS)]
+    prior = np.r_[np.full(6, 1e4), np.tile(SCALES.q**2, 3)]
     assert len(prior) == N_NUISANCE
     for s in range(2):
         rows = slice(take.first[s], take.first[s + 1])
@@ -351,7 +344,7 @@ def test_a_change_on_the_way_shows_in_several_recordings_as_in_one() -> None:
 
 def test_more_noise_hides_more() -> None:
     take = taken(BASE, BASE.phi_of(CAR), NOMINAL_SCALES, seconds=45.0)
-    loud = NOMINAL_SCALES._replace(r=3.0 * NOMINAL_SCALES.r, q=3.0 * NOMINAL_SCALES.q)
+    loud = Scales(3.0 * NOMINAL_SCALES.r, 3.0 * NOMINAL_SCALES.q)
     noisy = taken(BASE, BASE.phi_of(CAR), loud, seconds=45.0)
     quiet_size, loud_size = (
         (detectable_sizes(BASE, BASE.phi_of(CAR), s, t, ["yaw_scrub"])["yaw_scrub"] or {})["c"][0]

@@ -40,7 +40,7 @@ def test_products_with_trials_are_those_of_the_explicit_projection() -> None:
     columns = simulate_trials(fit, take).columns[:, :, :6] / fit.scales.r[:, None]
     weights = np.random.default_rng(0).uniform(0.2, 1.0, take.segments)
     slope, G = _products_with_trials(at, columns, weights)
-    n, precisions = fit.hypothesis.named_size, fit.scales.nuisance_precision()
+    n, precisions = fit.hypothesis.named_size, np.diag(fit.scales.nuisance_precisions())
     b, expected = np.zeros(len(slope)), np.zeros_like(G)
     for s, (i, j) in enumerate(zip(at.first, at.first[1:], strict=False)):
         own, mine = at.rows[i:j].reshape(3 * (j - i), -1), columns[i:j].reshape(3 * (j - i), -1)
@@ -68,7 +68,7 @@ def test_the_true_name_promises_most_beside_a_remainder(name: str, size: float) 
     assert scores[name] > first - 1.0  # a short delay and a lag are as good as each other
     assert first > 10.0
     others = [c.score for c in plain if c.effect != name]
-    assert max(others) > 1.5 * max(second, 1.0)  # look-alikes keep most, where there are any
+    assert max(others) > 2.0 * max(second, 1.0)  # look-alikes keep most, where there are any
     assert 0.0 < candidates[0].values[0] < 3.0 * size
 
 
@@ -76,13 +76,14 @@ def test_of_two_that_are_missing_each_promises_much_beside_what_the_other_leaves
     """A name takes the place of its own channel's functions, and those of the other channel stay."""
     fit, take = concealing(yaw_scrub=20.0, rear_rolling_coulomb=20.0)
     rest, trials, candidates = scored(fit, take)
-    missing = {"yaw_scrub", "rear_rolling_coulomb"}
     without = by_effect(score_names(RemainderFit.without_functions(fit, rest.seen), take, trials))
+    assert set(list(without)[:2]) == {"yaw_scrub", "rear_rolling_coulomb"}
+    assert list(without.values())[1] > 1.5 * list(without.values())[2]
+    # about the fit with a remainder others may promise much, too: both are among those that are refitted
     scores = by_effect(candidates)
-    assert set(list(scores)[:2]) == missing
-    assert all(scores[name] > 25.0 and scores[name] > 1.2 * list(scores.values())[2] for name in missing)
-    # pushes pass for what the other leaves, and hide one of them from a score test that knows no functions
-    assert min(without[name] for name in missing) < 0.5 * min(scores[name] for name in missing)
+    tried = list(scores)[: SEARCH_LIMITS.max_candidates]
+    assert {"yaw_scrub", "rear_rolling_coulomb"} <= set(tried)
+    assert min(scores[n] for n in ("yaw_scrub", "rear_rolling_coulomb")) > 25.0
 
 
 def test_no_name_promises_much_where_nothing_is_missing() -> None:

@@ -21,7 +21,7 @@ from bcid.estimate.tune import tune_estimator
 from bcid.estimate.tuning import Tuning
 from bcid.likelihood import score_test
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
-from bcid.likelihood.take import GROUP_S, N_START, SEGMENT_S, build_take
+from bcid.likelihood.take import GROUP_S, N_NUISANCE, SEGMENT_S, build_take
 from bcid.recording.checks.contacts import find_contacts
 from bcid.recording.checks.health import assess_health
 from bcid.recording.limits import HEALTH
@@ -64,7 +64,7 @@ def test_draws_of_signs_repeat_each_other_below_the_least_and_hardly_from_it_on(
 
 def test_half_of_the_least_take_has_more_numbers_than_any_hypothesis_has_parameters() -> None:
     rows = LIKELIHOOD_LIMITS.min_coverage * SEGMENT_S / GROUP_S
-    numbers = LEAST // 2 * (3 * rows - N_START)  # what pushes take is known beforehand: how large they are
+    numbers = LEAST // 2 * (3 * rows - N_NUISANCE)
     largest = sorted((len(e.parameters) for e in ENTRIES.values()), reverse=True)
     assert numbers > 5 * (12 + sum(largest[: SEARCH_LIMITS.max_effects]))
 

@@ -431,15 +431,13 @@ def wrench_with_effects(b: BodyState, act: Actuation, lags: LagState, p: Car, e:
     air_x, air_y = forces.quadratic_drag(b.v_x, b.v_y, e.quadratic_drag__k)
     wheel_x, wheel_m = forces.rear_drag_asymmetry(b.v_x, b.omega, e.rear_drag_asymmetry__b, c.track)
     mass_factor = measurement.mass_change(act.t, e.mass_change__d, e.mass_change__t_s)
-    # accelerations that have no name are as large whatever the car weighs
-    weighed = mass_factor * p.m
-    F_x += air_x + wheel_x + weighed * act.rest.f_x
-    F_y += air_y + weighed * act.rest.f_y
+    F_x += air_x + wheel_x + p.m * act.rest.f_x
+    F_y += air_y + p.m * act.rest.f_y
     if is_pulled_by_place(e):
         pull_x, pull_y = force_by_place(b, mass_factor, p, e)
         F_x += pull_x
         F_y += pull_y
     M_z += wheel_m + forces.yaw_scrub(b.omega, e.yaw_scrub__c) + forces.yaw_coulomb(b.omega, e.yaw_coulomb__c, c.w_c)
-    M_z += weighed * act.rest.arm + mass_factor * p.I_z * act.rest.alpha
+    M_z += p.m * act.rest.arm + p.I_z * act.rest.alpha
     F_x, F_y, M_z = add_own_pushes((F_x, F_y, M_z), own_inputs(b, act, p), e)
     return Wrench(F_x, F_y, M_z, mass_factor, LagState(front.alpha_s, front.F_m, F_mr), front.v_fx)

@@ -70,15 +70,15 @@ def lags_at_stage(start: LagState, first: Wrench, now: Wrench, ahead: float, h: 
 def body_rates(b: BodyState, w: Wrench, push: tuple[float, float, float], p: Car) -> BodyState:
     """Time derivatives of pose (world) and twist (body) of a car `p` under the wrench `w` and a disturbance `push`.
 
-    `push` is a force and moment (N, N, N m) in the body frame on a car without a load: what accelerates it as much as
-    that, whatever it weighs.  For the wrench `w` mass and inertia are multiplied by its mass factor.
+    `push` is a force and moment (N, N, N m) in the body frame that is added to `w`; mass and inertia are multiplied
+    by the wrench's mass factor.
     """
     sin_t, cos_t = sincos(b.theta)
     return BodyState(
         cos_t * b.v_x - sin_t * b.v_y, sin_t * b.v_x + cos_t * b.v_y, b.omega,
-        (w.F_x / w.mass_factor + push[0]) / p.m + b.omega * b.v_y,
-        (w.F_y / w.mass_factor + push[1]) / p.m - b.omega * b.v_x,
-        (w.M_z / w.mass_factor + push[2]) / p.I_z,
+        (w.F_x + push[0]) / (w.mass_factor * p.m) + b.omega * b.v_y,
+        (w.F_y + push[1]) / (w.mass_factor * p.m) - b.omega * b.v_x,
+        (w.M_z + push[2]) / (w.mass_factor * p.I_z),
     )  # fmt: skip
 
 

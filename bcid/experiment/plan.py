@@ -17,8 +17,8 @@ from bcid.experiment.manoeuvres import ARENA, Arena, PlannedDrive, feasible_driv
 from bcid.experiment.patterns import COMMAND_HZ
 from bcid.likelihood.hypothesis import USUAL_FOLLOWING_S, Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
+from bcid.likelihood.marginal import Scales
 from bcid.likelihood.prepare import scale_at_speed
-from bcid.likelihood.scales import Scales
 from bcid.likelihood.score_test import compute_trial_changes
 from bcid.likelihood.take import SEGMENT_S, as_one_recording, concatenate_takes
 from bcid.physics.car import Car, typical_inertia_and_tyres
@@ -28,8 +28,8 @@ DEFAULT_SPEED_MPS = 2.0  # of a vehicle whose file gives no reference speed
 REST_S = 3.0  # between two drives, to bring the car back
 REPETITIONS = (1, 2, 4, 8)  # of the whole plan, for effects that show over time
 
-NOMINAL_SCALES = Scales(np.array([3e-4, 3e-4, 6e-4]), np.full(3, 0.02), np.full(3, 0.66))
-"""Noise of a motion capture and pushes of a floor, which last some 0.3 s, as usual, where there is no take yet."""
+NOMINAL_SCALES = Scales(np.array([3e-4, 3e-4, 6e-4]), np.array([0.02, 0.02, 0.02]))
+"""Noise of a motion capture and pushes of a floor as they usually are, where there is no take yet."""
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from bcid.effects.constants import Constants
 from bcid.effects.measurement import tracked_pose
 from bcid.effects.motion import integrate_body, steady_lags
 from bcid.likelihood.divergence import require_finite
+from bcid.likelihood.marginal import Scales
 from bcid.likelihood.prediction_inputs import PredictionInputs
-from bcid.likelihood.scales import Scales
 from bcid.likelihood.take import GROUP_S, KNOT_S, KNOTS, N_NUISANCE, SEGMENT_S, Take, pad_with_zero_pushes
 from bcid.physics.car import LONGEST_STEP_S, Car
 
@@ -70,14 +70,11 @@ def simulate_states(inputs: PredictionInputs, T: float, scales: Scales, seed: in
     """Simulate a car for T seconds from the state `start` (6,) under random disturbances: states (n + 1, 6).
 
     A state is p_x, p_y, theta (world), v_x, v_y (body), omega.  Disturbances are Gaussian accelerations, constant over
-    KNOT_S, with standard deviations `scales.q`, each like the one before by `scales.rho`, drawn from the `seed`.
+    KNOT_S, with standard deviations `scales.q`, drawn from the `seed`.
     """
     car = inputs.car
     knots = int(np.ceil(T / KNOT_S)) + KNOTS
-    pushes = np.random.default_rng([seed, 0]).standard_normal((knots, 3))
-    for k in range(1, knots):
-        pushes[k] = scales.rho * pushes[k - 1] + np.sqrt(1.0 - scales.rho**2) * pushes[k]
-    pushes *= scales.q * [car.m, car.m, car.I_z]
+    pushes = np.random.default_rng([seed, 0]).standard_normal((knots, 3)) * scales.q * [car.m, car.m, car.I_z]
     return np.asarray(_integrate_states(start, pushes, inputs.chain, T, car, inputs.switches, inputs.constants))
 
 

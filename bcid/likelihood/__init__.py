@@ -1,11 +1,11 @@
 """How likely a car with some effects makes recorded poses, and the fit that makes them likeliest.
 
 Multi-step output errors: short segments of poses (`take`), each with a free initial state, predicted (`predict`, by
-`lane_rollout` from `lane_start` on, `observe` and `tracking_functions`, from `prediction_inputs`) under random pushes,
-which are eliminated (`marginal`, `nuisance`) while their `scales` are estimated (`estimate_scales`).
-Derivatives go along with a prediction (`linearised_rollout`) by the variational equation: `variational` at a stage,
-with `lag_derivatives` and `remainder_derivatives`, and `step_matrix` over a step meet in `step_derivatives`;
-`jacobian` has those by a hypothesis's parameters, `force_history` those by all that may act on the car.
+`lane_rollout` from `lane_start` on, `observe` and `tracking_functions`, from `prediction_inputs`) under random pushes
+of unknown size, which are eliminated (`marginal`, `nuisance`).  Derivatives go along with a prediction
+(`linearised_rollout`) by the variational equation: `variational` at a stage, with `lag_derivatives` and
+`remainder_derivatives`, and `step_matrix` over a step meet in `step_derivatives`; `jacobian` has those by a
+hypothesis's parameters, `force_history` those by all that may act on the car.
 A `hypothesis`, with a `prior`, is fitted by `base_fit` (base model, which `prepare` begins) and `refit` (with effects),
 by `newton` steps from one `refit_state` to the next, at each of which initial states find their places (`settling`);
 `score_test` says what an effect more would gain, by the changes of poses that `projection` finds no fit to imitate,

@@ -62,7 +62,8 @@ def acting_values(functions: Floats, along: Floats, car: Car) -> Floats:
 def unit_actions(along: Floats, car: Car) -> Floats:
     """Accelerations of the body and turn of the wheel (S, knots, ACTIONS, 10) by a unit in each of the DIRECTIONS.
 
-    `along` (S, knots, ALONG) is what the car is at.  The compiled car has the same in `unit_remainder`.
+    `along` (S, knots, ALONG) is what the car is at.  The compiled car has the same in `unit_remainder`.  Where the car
+    is heavier than its own mass, accelerations are of that: how much less it answers is in the derivatives by them.
     """
     delta, heading, v_x = along[:, :, INPUTS.index("delta")], along[:, :, HEADING], along[:, :, INPUTS.index("v_x")]
     cos_d, sin_d, cos_t, sin_t = np.cos(delta), np.sin(delta), np.cos(heading), np.sin(heading)

@@ -27,14 +27,32 @@ import numpy as np
 from bcid.aliases import Floats, Ints
 from bcid.compiled.njit import njit, njit_parallel
 from bcid.errors import PredictionDiverged
-from bcid.likelihood.scales import Scales
-from bcid.likelihood.take import N_NUISANCE, N_START
+from bcid.likelihood.divergence import require_finite
+from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START
 
 NU = 8.0  # degrees of freedom of Student's t
+MIN_VARIANCE = 1e-10  # what is left of a difference of large numbers may be negative
+EM_TOLERANCE = 1e-3  # relative change of the scales at which EM ends
 # share of its diagonal below which a pivot is rounding: some hundred times the smallest difference of numbers
 LEAST_PIVOT = 1e-13
 MOST_UNSHOWN = 3  # numbers of a segment that poses need not show: its twist; where the car is they always show
 MAX_ROUNDING = 0.1  # share of nu by which rounding may make a sum of squares negative
+
+
+class Scales(NamedTuple):
+    """Standard deviations of the noise (m, m, rad) and of the pushes (m/s^2, m/s^2, rad/s^2)."""
+
+    r: Floats  # (3,)
+    q: Floats  # (3,)
+
+    def nuisance_precisions(self) -> Floats:
+        """Prior precisions (N_NUISANCE,) of [initial state, pushes]: zero for the initial state, 1/q^2 for pushes."""
+        known = np.zeros(N_NUISANCE)
+        known[N_START:].reshape(KNOTS, 3)[:] = self.q**-2.0
+        return known
+
+
+UNLIMITED = Scales(np.full(3, math.inf), np.full(3, math.inf))
 
 
 class Moments(NamedTuple):
@@ -64,7 +82,7 @@ def segment_moments(residual: Floats, A: Floats, first: Ints) -> Moments:
     """Products A^T A, A^T r, r^T r of each segment (rows `first[s]` to `first[s + 1]`) and channel (x, y, yaw).
 
     The `residual` r (N, 3) is measured less predicted poses; `A` (N, 3, N_NUISANCE) are the derivatives of predicted
-    poses by the nuisance parameters: each segment's initial state and pushes (constant disturbances over 0.125 s).
+    poses by the nuisance parameters: each segment's initial state and pushes (constant disturbances over 0.5 s).
     """
     S = len(first) - 1
     AA, Ar, rr = np.empty((S, 3, N_NUISANCE, N_NUISANCE)), np.empty((S, 3, N_NUISANCE)), np.empty((S, 3))
@@ -152,27 +170,29 @@ def solve_triangular(L: Floats, b: Floats) -> tuple[Floats, Floats]:
 
 
 @njit_parallel
-def eliminate_nuisance(moments: Moments, r: Floats, precision: Floats) -> MarginalTerms:
+def eliminate_nuisance(moments: Moments, r: Floats, precisions: Floats) -> MarginalTerms:
     """Marginal likelihood of each segment: chi^2, log-determinant, posterior mean and covariance of its nuisances.
 
-    Nuisance parameters (initial state, pushes: constant disturbances over 0.125 s) are integrated out in closed form,
+    Nuisance parameters (initial state, pushes: constant disturbances over 0.5 s) are integrated out in closed form,
     the predictions being linear in them (restricted likelihood).  `moments` are the products of `segment_moments`,
-    `r` (3,) the noise's standard deviations (m, m, rad), `precision` (N_NUISANCE, N_NUISANCE) the prior
-    precision, the inverse of a covariance: 0 for initial states.
+    `r` (3,) the noise's standard deviations (m, m, rad), `precisions` (N_NUISANCE,) prior precisions, 1/variance: 0
+    for initial states.
     """
     S = len(moments.rr)
     chi2, log_det, count = np.empty(S), np.empty(S), np.empty(S)
     zs, roots = np.empty((S, N_NUISANCE)), np.empty((S, N_NUISANCE, N_NUISANCE))
     Vs = np.empty((S, N_NUISANCE, N_NUISANCE))
     rests, spreads = np.empty((S, 3)), np.empty((S, 3))
-    constant = -log_determinant(cholesky_factor(precision[N_START:, N_START:]))
+    constant = -np.sum(np.log(precisions[N_START:]))
     for s in numba.prange(S):
         w_x, w_y, w_yaw = 1.0 / (r[0] * r[0]), 1.0 / (r[1] * r[1]), 1.0 / (r[2] * r[2])
         M = w_x * moments.AA[s, 0] + w_y * moments.AA[s, 1] + w_yaw * moments.AA[s, 2]
         b = w_x * moments.Ar[s, 0] + w_y * moments.Ar[s, 1] + w_yaw * moments.Ar[s, 2]
         square = w_x * moments.rr[s, 0] + w_y * moments.rr[s, 1] + w_yaw * moments.rr[s, 2]
         of_start = log_determinant(cholesky_factor(M[:N_START, :N_START] * (r[0] * r[1] * r[2]) ** (2.0 / 3.0)))
-        L = cholesky_factor(M + precision)
+        for i in range(N_NUISANCE):
+            M[i, i] += precisions[i]
+        L = cholesky_factor(M)
         root, (y, z) = inverse_of_triangle(L), solve_triangular(L, b)
         V = np.dot(root.T, root)
         chi2[s] = square - np.dot(y, y)
@@ -232,6 +252,23 @@ def student_log_densities(terms: MarginalTerms) -> Floats:
     return np.asarray(constant - 0.5 * terms.log_det - half * np.log1p(terms.chi2 / NU))
 
 
+def em_update(terms: MarginalTerms, rows: Ints, most: Scales = UNLIMITED) -> Scales:
+    """Standard deviations of noise and pushes after one step of expectation maximisation (EM) from likelihood `terms`.
+
+    `rows` (S,) counts the mean poses of each segment; scales are `most` at most.  Squared residuals and pushes are
+    multiplied by the segment's robust weight, posterior variances are not: that would bias the scales, and raise the
+    likelihood where nothing is missing.  Variances are divided by the mean weight to converge in fewer steps
+    (parameter-expanded EM; Meng and van Dyk 1997).
+    """
+    w = robust_weights(terms)
+    r2 = (w[:, None] * terms.rest + terms.spread).sum(axis=0) / rows.sum()
+    pushes = terms.z[:, N_START:].reshape(-1, KNOTS, 3)
+    spread = np.einsum("skk->sk", terms.V)[:, N_START:].reshape(-1, KNOTS, 3)
+    q2 = (w[:, None, None] * pushes**2 + spread).mean(axis=(0, 1))
+    r, q = (np.sqrt(np.maximum(square / w.mean(), MIN_VARIANCE)) for square in (r2, q2))
+    return Scales(np.minimum(r, most.r), np.minimum(q, most.q))
+
+
 def checked_marginal_terms(moments: Moments, scales: Scales) -> MarginalTerms:
     """Marginal likelihood terms (chi^2, log-determinant, posterior) of each segment by `eliminate_nuisance`, checked.
 
@@ -242,7 +279,7 @@ def checked_marginal_terms(moments: Moments, scales: Scales) -> MarginalTerms:
             shift of the car is less than rounding; an unstable car can cause both.
     """
     _require_resolved_answers(moments)
-    return terms_within_rounding(moments, scales)
+    return _terms_within_rounding(moments, scales)
 
 
 def _require_resolved_answers(moments: Moments) -> None:
@@ -255,10 +292,33 @@ def _require_resolved_answers(moments: Moments) -> None:
         raise PredictionDiverged("an answer to an initial state or a push left what rounding resolves")
 
 
-def terms_within_rounding(moments: Moments, scales: Scales) -> MarginalTerms:
+def _terms_within_rounding(moments: Moments, scales: Scales) -> MarginalTerms:
     """The terms of `eliminate_nuisance`; raises `PredictionDiverged` where rounding makes a chi^2 negative."""
-    terms = eliminate_nuisance(moments, scales.r, scales.nuisance_precision())
+    terms = eliminate_nuisance(moments, scales.r, scales.nuisance_precisions())
     # an unstable car answers so strongly that a difference of large numbers is lost
     if not (terms.chi2 > -MAX_ROUNDING * NU).all():
         raise PredictionDiverged("a quadratic form was lost in rounding")
     return terms
+
+
+def estimate_scales(
+    moments: Moments, scales: Scales, steps: int, most: Scales = UNLIMITED
+) -> tuple[Scales, MarginalTerms]:
+    """Maximum-likelihood standard deviations of noise and pushes, and the segments' marginal likelihood terms there.
+
+    Expectation maximisation (EM) takes at most `steps` from `scales`, and ends where they change by less than the
+    relative EM_TOLERANCE; `steps` = 0 only evaluates.  Scales are `most` at most.  `moments` are the
+    segments' products of residuals and derivatives by nuisances (`segment_moments`).
+
+    Raises:
+        PredictionDiverged: where a prediction or a scale is not finite, or rounding makes a chi^2 negative.
+    """
+    require_finite("a prediction", moments.rr, moments.AA)
+    terms = checked_marginal_terms(moments, scales)
+    for _ in range(steps):
+        before, scales = scales, em_update(terms, moments.rows, most)
+        require_finite("the noise", scales.r, scales.q)
+        terms = _terms_within_rounding(moments, scales)
+        if np.allclose(np.r_[before.r, before.q], np.r_[scales.r, scales.q], rtol=EM_TOLERANCE, atol=0.0):
+            break
+    return scales, terms

@@ -13,7 +13,7 @@ from bcid.aliases import Floats, Ints
 from bcid.likelihood.force_history import HISTORY, PUSHES, ForceHistory, answer_to, history_values
 from bcid.likelihood.lane_rollout import SegmentLayout, segment_layout
 from bcid.likelihood.linearised_rollout import Resolution
-from bcid.likelihood.predict import COARSE, FINE, WHOLE, linearise_poses, predict_poses, wrap_yaw
+from bcid.likelihood.predict import COARSE, FINE, linearise_poses, predict_poses, wrap_yaw
 from bcid.likelihood.prediction_inputs import ChangedCars, PredictionInputs
 from bcid.likelihood.take import N_START, Take
 from bcid.likelihood.tracking_functions import AMOUNT, tracking_changes
@@ -51,15 +51,10 @@ class LinearisedHistories(NamedTuple):
 def linearise_nuisances(take: Take, inputs: PredictionInputs, start: Floats) -> AboutNuisances:
     """Measured less predicted poses from `start` (S, N_NUISANCE), and derivatives of predicted poses by it.
 
-    By the variational equation.  Pushes are disturbance accelerations, constant over 0.125 s each.
+    By the variational equation.  Pushes are disturbance accelerations, constant over 0.5 s each.
     """
     poses, (by_state, _, by_pushes), _ = _linearise(take, inputs, start, None, COARSE)
     return AboutNuisances(_residuals(take, inputs, poses), np.concatenate([by_state, by_pushes], axis=2))
-
-
-def parameter_answers(take: Take, inputs: PredictionInputs, start: Floats, changed: ChangedCars) -> Floats:
-    """Derivatives (N, 3, R) of predicted poses from `start` (S, N_NUISANCE) by each parameter that is `changed`."""
-    return np.ascontiguousarray(_linearise(take, inputs, start, changed, WHOLE)[1][1])
 
 
 def linearise_residuals(
@@ -107,7 +102,7 @@ def _linearise(
 def pose_residuals(take: Take, inputs: PredictionInputs, start: Floats) -> Floats:
     """Measured less predicted poses (N, 3) x, y (m), yaw (rad), predicted from the nuisance parameters `start`.
 
-    `start` (S, N_NUISANCE) holds each segment's initial state and pushes (constant disturbances over 0.125 s); `inputs`
+    `start` (S, N_NUISANCE) holds each segment's initial state and pushes (constant disturbances over 0.5 s); `inputs`
     are the car, the effects' parameters and the commands after the actuators.
     """
     return _residuals(take, inputs, _predict_once(segment_layout(take), inputs, start))

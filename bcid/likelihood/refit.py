@@ -5,7 +5,6 @@ All functions raise `PredictionDiverged` where predictions at their starting poi
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -16,6 +15,7 @@ from bcid.likelihood import newton
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.kept_fits import kept_in_proofs
+from bcid.likelihood.marginal import UNLIMITED, Scales
 from bcid.likelihood.nuisance import about_no_pushes, pose_residuals
 from bcid.likelihood.price import price_nats
 from bcid.likelihood.prior import Prior
@@ -25,11 +25,9 @@ from bcid.likelihood.refit_state import (
     RefitProblem,
     RefitState,
     Tangent,
-    VolumeLine,
     build_state,
     segment_worths,
 )
-from bcid.likelihood.scales import UNLIMITED, Scales
 from bcid.likelihood.settling import move_initial_states
 from bcid.likelihood.take import Take
 from bcid.physics.car import Car
@@ -39,9 +37,6 @@ PHI_DAMPINGS = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5)
 """Added to the curvature by phi, whose components are of size one: what the take hardly shows is held back, and valleys
 that logarithms of two parameters share stay open (scaled by the curvature's diagonal they would be closed)."""
 THOROUGH = Effort()
-HARDER = 2  # by how many dampings further where steps have led astray
-FIRST_DAMPING = 1  # number of the damping of a refit's first steps: not to change by more than the take shows
-KEPT_SHARE = 0.5  # of what steps promised, beyond which the next ones are damped less
 SETTLING_ROUNDS = 3  # of evaluations at fixed parameters
 FAR = 0.03  # a step of phi after which the tangent is found anew: 3 % of a base parameter
 
@@ -104,7 +99,7 @@ def refit(
     """The fit of greatest log-likelihood plus log prior near the parameter vector `phi`, by bounded Gauss-Newton.
 
     phi holds log base parameters, drag and effects' parameters.  Each segment's initial state and pushes (disturbances
-    over 0.125 s), from `start` (S, N_NUISANCE), and the standard deviations of noise and pushes, from `scales`, are
+    over 0.5 s), from `start` (S, N_NUISANCE), and the standard deviations of noise and pushes, from `scales`, are
     estimated too.  Scales are `most` at most.  The first step leads from phi to the likeliest of the parameter vectors
     `ahead`, or part of the way to it, if that is likelier than phi.  A `tangent` (linearisation at a neighbouring fit),
     if given, is held fixed, and only derivatives by effects are recomputed: a tenth of the work, accurate enough to
@@ -114,18 +109,12 @@ def refit(
     problem = RefitProblem(take, hypothesis, hypothesis.prior(phi), most, effort)
     if tangent is not None:
         state = build_state(problem, phi, start, scales, problem.residuals(phi, start), tangent.A)
-        state = move_initial_states(problem, state)  # predicted are poses from where it is, not where it is to go
         last, state = tangent, _descend_along_tangent(problem, tangent, state, None, np.inf)
     else:
         state = newton.evaluate_at(problem, phi, start, scales)
         steps = [_evaluate_ahead(problem, state, state._replace(phi=np.clip(p, *hypothesis.bounds()))) for p in ahead]
         state = max((state, *(s for s in steps if s)), key=lambda s: s.worth)
         last, state = _refit_by_tangents(problem, state)
-        for _ in range(SETTLING_ROUNDS):  # steps of phi are worth less or more where the scales have converged
-            settled = newton.evaluate_at(problem, state.phi, state.start, state.scales, MAX_EM_STEPS)
-            if settled.worth - state.worth < effort.least:
-                break
-            last, state = _refit_by_tangents(problem, settled)
     state = build_state(problem, state.phi, state.start, state.scales, state.r, last.A, MAX_EM_STEPS)
     _, curvature = newton.slope_and_curvature(problem, state, newton.derivatives_at(problem, last, state))
     return _build_fit(hypothesis, last, state, np.asarray(np.linalg.pinv(curvature), dtype=float))
@@ -144,63 +133,37 @@ def _refit_by_tangents(problem: RefitProblem, state: RefitState) -> tuple[Tangen
     where they led, until this gains less than the least that counts.  On the way over the edge of a place on the floor
     it may lose; what is returned is the likeliest that was met.
     """
-    effort, tangent, damping = problem.effort, newton.tangent_at(problem, state), FIRST_DAMPING
-    best = tangent, state
+    effort, tangent = problem.effort, newton.tangent_at(problem, state)
+    best, rough = (tangent, state), problem.hypothesis.is_place.any()
     for _ in range(effort.tangents):
-        there, damping = _step_along_tangent(problem, tangent, state, damping)
-        if there is None:
+        J = None if rough else none_if_diverged(newton.derivatives_at, problem, tangent, state)
+        ahead = _descend_along_tangent(problem, tangent, state, J, FAR)
+        if ahead.objective - state.objective < effort.least:
             break
-        before, state, tangent = state, there, newton.tangent_at(problem, there)
+        better = _evaluate_ahead(problem, state, ahead)
+        if better is None:
+            break
+        before, state, tangent = state, better, newton.tangent_at(problem, better)
         best = (tangent, state) if state.worth > best[1].worth else best
         if state.worth - before.worth < effort.least:
             break
     return best
 
 
-def _step_along_tangent(
-    problem: RefitProblem, tangent: Tangent, state: RefitState, damping: int
-) -> tuple[RefitState | None, int]:
-    """The refit's state where steps along a `tangent` lead, with predictions differentiated there, and a damping.
-
-    The steps are damped by number `damping` of PHI_DAMPINGS, or the first after it by which the state becomes worth
-    more; None if there is none, or it promises less than the least that counts.  With an effect at a place on the
-    floor, whose edge makes the likelihood rough, it is the first whose predictions do not diverge.  The damping that is
-    returned, with which to go on, is one less where steps keep what they promise.
-    """
-    effort, rough = problem.effort, problem.hypothesis.is_place.any()
-    J = None if rough else none_if_diverged(newton.derivatives_at, problem, tangent, state)
-    slope = None if rough else none_if_diverged(newton.volume_slope, problem, state)
-    floor = -math.inf if rough else state.worth
-    # where a draw of log-determinants leads astray, chi^2 alone may lead on
-    for line in [None if slope is None else VolumeLine(slope, state.phi), *([] if slope is None else [None])]:
-        along = problem._replace(volume=line)
-        for k in range(damping, len(PHI_DAMPINGS), HARDER):
-            ahead = _descend_along_tangent(along, tangent, state, J, FAR, k)
-            promised = ahead.objective - state.objective
-            if promised < effort.least:
-                break
-            there = none_if_diverged(newton.evaluate_at, problem, ahead.phi, ahead.start, ahead.scales, floor=floor)
-            if there and there.worth > floor:
-                kept = there.worth - state.worth > KEPT_SHARE * promised
-                return there, max(k - 1, 0) if kept else k
-    return None, damping
-
-
 def _descend_along_tangent(
-    problem: RefitProblem, tangent: Tangent, state: RefitState, J: Floats | None, far: float, damping: int = 0
+    problem: RefitProblem, tangent: Tangent, state: RefitState, J: Floats | None, far: float
 ) -> RefitState:
     """The refit's state after some Gauss-Newton steps of phi, the linearisation `tangent` held fixed.
 
     It stops after the first step that gains less than the least that counts, or that changes a component of phi by more
     than `far`; that step is kept.  Derivatives by effects' parameters are those in `J` (N, 3, n).  Without it they are
     computed at every step, as is needed where the tangent is of a fit without the effect, or the likelihood has edges.
-    Steps are damped by number `damping` of PHI_DAMPINGS at least.
     """
     for _ in range(problem.effort.iterations):
         slopes = none_if_diverged(_slope_along, problem, tangent, state, J)
         if slopes is None:
             break
-        before, state = state, _step_parameters(problem, state, *slopes, PHI_DAMPINGS[damping:])
+        before, state = state, _step_parameters(problem, state, *slopes)
         if state.objective - before.objective < problem.effort.least or np.max(np.abs(state.phi - before.phi)) > far:
             break
     return state
@@ -216,28 +179,28 @@ def _evaluate_ahead(problem: RefitProblem, anchor: RefitState, ahead: RefitState
     """The refit's state at `ahead`, or part of the way from `anchor` to it, with predictions differentiated there.
 
     The first share of the way in STEP_SHARES at which log-likelihood plus log prior exceeds that of `anchor` is taken
-    (backtracking line search); None if there is no such share.
+    (backtracking line search); for an effect at a place on the floor, whose edge makes the likelihood rough, the first
+    that does not diverge.  None if there is no such share.
     """
+    rough = problem.hypothesis.is_place.any()
     for share in STEP_SHARES:
         phi = ahead.phi if share == 1.0 else anchor.phi + share * (ahead.phi - anchor.phi)
         start = anchor.start + share * (ahead.start - anchor.start)
         scales = ahead.scales if share == 1.0 else anchor.scales  # less noise suits what is ahead
-        there = none_if_diverged(newton.evaluate_at, problem, phi, start, scales, floor=anchor.worth)
-        if there and there.worth > anchor.worth:
+        there = none_if_diverged(newton.evaluate_at, problem, phi, start, scales)
+        if there and (rough or there.worth > anchor.worth):
             return there
     return None
 
 
-def _step_parameters(
-    problem: RefitProblem, state: RefitState, slope: Floats, curvature: Floats, dampings: Sequence[float]
-) -> RefitState:
-    """The refit's state after a damped Newton step of phi, with the least of `dampings` that raises the objective.
+def _step_parameters(problem: RefitProblem, state: RefitState, slope: Floats, curvature: Floats) -> RefitState:
+    """The refit's state after a damped Newton step of phi, with the least of PHI_DAMPINGS that raises the objective.
 
     The objective is log-likelihood plus log prior.  Afterwards initial states move to their posterior means, if the
     objective then still exceeds that of `state`.  `state` itself is returned if no damping raises it.
     """
     bounds = problem.hypothesis.bounds()
-    for damping in dampings:
+    for damping in PHI_DAMPINGS:
         phi = newton.bounded_newton_step(state.phi, slope, curvature + damping * np.eye(len(curvature)), bounds)
         trial = none_if_diverged(_state_along_tangent, problem, phi, state)
         if trial and trial.objective > state.objective:
@@ -258,7 +221,7 @@ def _state_along_tangent(problem: RefitProblem, phi: Floats, state: RefitState) 
 def evaluate_fixed(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit:
     """A fit whose parameter vector is the given phi: only initial states, pushes and standard deviations are estimated.
 
-    Pushes are disturbances, constant over 0.125 s; `scales` (noise and pushes) is the start.  The covariance of phi is
+    Pushes are disturbances, constant over 0.5 s; `scales` (noise and pushes) is the start.  The covariance of phi is
     zero.
     """
     problem = RefitProblem(take, hypothesis, Prior.normal(phi, np.zeros_like(phi)))

@@ -8,16 +8,15 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Bools, Floats
-from bcid.likelihood.estimate_scales import estimate_scales
+from bcid.likelihood import marginal
 from bcid.likelihood.hypothesis import Hypothesis
-from bcid.likelihood.marginal import NU, MarginalTerms, Moments, segment_moments, student_log_densities
+from bcid.likelihood.marginal import NU, UNLIMITED, MarginalTerms, Scales, segment_moments, student_log_densities
 from bcid.likelihood.nuisance import about_no_pushes, move_to_posterior, pose_residuals
 from bcid.likelihood.prior import Prior
-from bcid.likelihood.scales import UNLIMITED, Scales
 from bcid.likelihood.take import N_START, Take
 
 MIN_GAIN = 0.5  # nats, less than which counts for nothing
-EM_STEPS, MAX_EM_STEPS = 2, 60  # on the way along a tangent, and where the scales have to converge
+EM_STEPS, MAX_EM_STEPS = 2, 20  # on the way along a tangent, and where the scales have to converge
 
 
 class Tangent(NamedTuple):
@@ -35,17 +34,6 @@ class Effort(NamedTuple):
     least: float = MIN_GAIN  # nats, below which a step has gained nothing
 
 
-class VolumeLine(NamedTuple):
-    """How -1/2 log|M| of the segments goes on with phi where the linearisation is held: a line through an anchor."""
-
-    slope: Floats  # (n,) nats
-    anchor: Floats  # (n,)
-
-    def nats(self, phi: Floats) -> float:
-        """By how much it is greater at phi than at the anchor."""
-        return float(self.slope @ (phi - self.anchor))
-
-
 class RefitProblem(NamedTuple):
     """The take, the hypothesis that is fitted to it, the prior of its parameters, and how far a refit goes."""
 
@@ -54,21 +42,14 @@ class RefitProblem(NamedTuple):
     prior: Prior
     most: Scales = UNLIMITED  # that noise and pushes may be
     effort: Effort = Effort()
-    volume: VolumeLine | None = None  # along a tangent; None where predictions are differentiated anew
 
     def residuals(self, phi: Floats, start: Floats) -> Floats:
         """Measured less predicted poses (N, 3) at phi, from the nuisance parameters `start` (S, N_NUISANCE)."""
         return pose_residuals(self.take, self.hypothesis.prediction_inputs(phi, self.take), start)
 
-    def moments(self, r: Floats, A: Floats, start: Floats) -> Moments:
-        """Products of the residuals `r` (N, 3), pushes from zero, and their derivatives `A` by nuisances `start`."""
-        first = self.take.first
-        return segment_moments(about_no_pushes(r, A, start, first), A, first)
-
     def objective(self, phi: Floats, terms: MarginalTerms) -> float:
         """Log-likelihood of all segments plus log prior density of phi, less a constant."""
-        beyond = self.volume.nats(phi) if self.volume else 0.0
-        return float(student_log_densities(terms).sum()) + self.prior.log_density(phi) + beyond
+        return float(student_log_densities(terms).sum()) + self.prior.log_density(phi)
 
 
 class RefitState(NamedTuple):
@@ -97,7 +78,8 @@ def build_state(
     nuisance parameters `start` (initial states and pushes).  The standard deviations of noise and pushes are
     estimated from `scales` by at most `em_steps` of expectation maximisation.
     """
-    scales, terms = estimate_scales(problem.moments(r, A, start), scales, em_steps, problem.most)
+    moments = segment_moments(about_no_pushes(r, A, start, problem.take.first), A, problem.take.first)
+    scales, terms = marginal.estimate_scales(moments, scales, em_steps, problem.most)
     return RefitState(phi, start, scales, r, A, terms, problem.objective(phi, terms))
 
 

@@ -152,7 +152,7 @@ def accelerations_by(rest: RemainderAction, now: Wrench, turned: Wrench, p: Car)
     """
     per_rad, ratio = rest.turn / (TURN_STEP * now.mass_factor), p.m / p.I_z
     return (
-        rest.f_x + per_rad * (turned.F_x - now.F_x) / p.m,
-        rest.f_y + per_rad * (turned.F_y - now.F_y) / p.m,
-        ratio * rest.arm + rest.alpha + per_rad * (turned.M_z - now.M_z) / p.I_z,
+        rest.f_x / now.mass_factor + per_rad * (turned.F_x - now.F_x) / p.m,
+        rest.f_y / now.mass_factor + per_rad * (turned.F_y - now.F_y) / p.m,
+        (ratio * rest.arm + rest.alpha) / now.mass_factor + per_rad * (turned.M_z - now.M_z) / p.I_z,
     )

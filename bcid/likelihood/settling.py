@@ -4,7 +4,6 @@ The likelihood integrates them out as if predictions were linear in them.  That 
 they are linearised: it has to lie where the likelihood by them is greatest, or a segment is promised too much.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from bcid.aliases import Bools, Floats, Ints
 from bcid.likelihood import marginal, nuisance
 from bcid.likelihood.limits import SEGMENT_LIMITS
-from bcid.likelihood.marginal import MarginalTerms, segment_moments, student_log_densities
+from bcid.likelihood.marginal import MarginalTerms, Scales, segment_moments, student_log_densities
 from bcid.likelihood.nuisance import AboutNuisances, about_no_pushes, move_to_posterior, without_pushes
 from bcid.likelihood.refit_state import (
     RefitProblem,
@@ -21,7 +20,6 @@ from bcid.likelihood.refit_state import (
     promised_to_all,
     segment_worths,
 )
-from bcid.likelihood.scales import Scales
 from bcid.likelihood.take import N_START, Take, select_spans
 
 RESTART_TANGENTS = 3  # tangents from which a segment that fits badly is tried
@@ -32,19 +30,17 @@ FAR_NATS = 5.0  # that are promised where a segment may do better without its pu
 SHORTER = 0.3  # of a step that has led astray, the share that is tried next
 
 
-def settle_initial_states(
-    problem: RefitProblem, state: RefitState, em_steps: int, floor: float = -math.inf
-) -> RefitState:
+def settle_initial_states(problem: RefitProblem, state: RefitState, em_steps: int) -> RefitState:
     """The refit's state with each segment's initial state and pushes moved to where its likelihood is greatest nearby.
 
     By Gauss-Newton steps, the predictions linearised anew after a few.  Segments that are far off begin without pushes
     where that is better: a hypothesis may need none where another had many.  Noise and pushes are estimated anew in at
-    most `em_steps`.  It gives up where not even what is still promised would make the state worth the `floor` (nats).
+    most `em_steps`.
     """
     found, stuck = _begin_without_pushes(problem, state), np.zeros(problem.take.segments, dtype=bool)
     for _ in range(SETTLING_TANGENTS):
         unsettled = np.flatnonzero(~(stuck | (_unearned_nats(found) < SETTLED_NATS)))
-        if not len(unsettled) or found.objective < floor:
+        if not len(unsettled):
             break
         start = _settle_along_tangent(problem, found, unsettled)
         moved = _linearise_from(problem, found, unsettled, start)
@@ -184,7 +180,7 @@ def _terms_along_tangent(A: Floats, r: Floats, start: Floats, take: Take, scales
     ones.  The terms (chi^2, log-determinant, posterior) are NaN in segments whose prediction is not finite.
     """
     moments = segment_moments(about_no_pushes(r, A, start, take.first), A, take.first)
-    return marginal.eliminate_nuisance(moments, scales.r, scales.nuisance_precision())
+    return marginal.eliminate_nuisance(moments, scales.r, scales.nuisance_precisions())
 
 
 def _segment_gains(new: MarginalTerms, old: MarginalTerms) -> Floats:

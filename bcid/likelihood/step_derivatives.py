@@ -23,7 +23,8 @@ ACCELERATION = 0  # (4, N_STATE, 3) at each stage, of v_x', v_y', omega' by the 
 STEADY = ACCELERATION + 4 * N_STATE * 3  # (4, LAG, 4) of alpha_f, F_mf, F_mr without lag, and v_fx, by pose and twist
 COEFFICIENT = STEADY + 4 * LAG * 4  # (5, 3, 5) of each lag, at a stage or after the step, by what it follows from
 POSE_RATE = COEFFICIENT + 5 * 3 * 5  # (4, 4) cos and sin of theta, x', y'
-SLOPE = POSE_RATE + 4 * 4  # (6, 5) of what has no name by pose and twist, at the present stage
+MASS_FACTOR = POSE_RATE + 4 * 4  # (4,)
+SLOPE = MASS_FACTOR + 4  # (6, 5) of what has no name by pose and twist, at the present stage
 CHANGE = SLOPE + 6 * 5  # (4, 1 + R, 6) at each stage, of accelerations and steady lags by a turn of the steered wheel,
 # then by R parameters of a car
 

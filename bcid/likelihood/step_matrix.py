@@ -14,6 +14,7 @@ from bcid.likelihood.step_derivatives import (
     ACCELERATION,
     COEFFICIENT,
     LAG,
+    MASS_FACTOR,
     N_STATE,
     POSE_RATE,
     TWIST,
@@ -58,7 +59,7 @@ def _answer_to_column(
     out: Floats, column: int, d: Floats, h: float, lagging: bool, pulled: bool, parameters: int
 ) -> None:
     """Write to the flat `out` how the state after a step of `h` seconds answers a unit of `column` (`step_matrix`)."""
-    none = 0.0 * get(d, POSE_RATE)
+    none = 0.0 * get(d, MASS_FACTOR)
     rate = total = BodyState(none, none, none, none, none, none)
     begin = move_component(total, column, 1.0)
     lags = start = LagState(none, none, none)
@@ -72,9 +73,10 @@ def _answer_to_column(
         if own >= 0:
             a_x, a_y, a_w = get(d, own), get(d, own + 1), get(d, own + 2)
         elif column >= PUSH:
-            a_x = none + 1.0 if column == PUSH else none
-            a_y = none + 1.0 if column == PUSH + 1 else none
-            a_w = none + 1.0 if column == PUSH + 2 else none
+            pushed = 1.0 / get(d, MASS_FACTOR + stage)
+            a_x = pushed if column == PUSH else none
+            a_y = pushed if column == PUSH + 1 else none
+            a_w = pushed if column == PUSH + 2 else none
         if pulled:
             a_x += get(d, at) * x.p_x + get(d, at + 3) * x.p_y + get(d, at + 6) * x.theta
             a_y += get(d, at + 1) * x.p_x + get(d, at + 4) * x.p_y + get(d, at + 7) * x.theta

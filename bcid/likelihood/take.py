@@ -19,10 +19,7 @@ from bcid.recording.checks.contacts import Contact, find_contacts
 from bcid.recording.types import Recording
 
 SEGMENT_S = 1.5
-# Equal parts of a segment, in each of which a push is constant: 0.125 s.  What free functions and effects can follow,
-# pushes must be able to, or else what pushes at random for shorter than a part counts as evidence for a law: on a floor
-# of small bumps, parts of 0.5 s left 14 nats where there was nothing, and 100 at twice the bumps; these leave 1 and 2.
-KNOTS = 12
+KNOTS = 3  # equal parts of a segment, in each of which a push is constant
 KNOT_S = SEGMENT_S / KNOTS
 N_START = 6  # leading nuisance parameters of a segment: its initial state; then a_x, a_y, alpha_z of each knot's push
 N_NUISANCE = N_START + 3 * KNOTS

@@ -49,6 +49,7 @@ from bcid.likelihood.step_derivatives import (
     COEFFICIENT,
     FORCE_STEP,
     LAG,
+    MASS_FACTOR,
     N_STATE,
     POSE_RATE,
     TURN_STEP,
@@ -96,6 +97,7 @@ def differentiate_step(
         if varies_with_pose(e):
             _store_pull(out, stage, there, act, now, turned, cars, e)
         _store_pose_rates(out, POSE_RATE + stage * 4, there, rate)
+        put(out, MASS_FACTOR + stage, now.mass_factor)
         total = add_rates(total, rate, stage_weight(stage))
     if lagging:
         store_lag_coefficients(out, COEFFICIENT + 4 * 15, lags, first, steady, 2.0 * h, h, e)

@@ -29,8 +29,8 @@ from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import predict_with_restarts
 from bcid.evaluation.error_budget import ErrorPart, ErrorParts, apportion_error, errors_of_sets
 from bcid.likelihood.divergence import none_if_diverged
+from bcid.likelihood.marginal import Scales
 from bcid.likelihood.refit import Fit, refit
-from bcid.likelihood.scales import Scales
 from bcid.likelihood.take import Take, build_take
 from bcid.models.fitting.windows import inverse_spread
 from bcid.pipeline.limits import LIMITS

@@ -6,9 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Bools, Floats
-from bcid.diagnosis.locate.pushes import PART_S, WRENCH_CHANNELS
+from bcid.diagnosis.locate.pushes import WRENCH_CHANNELS
 from bcid.documents.diagnosis import NamedEffect
 from bcid.effects.table import EFFECTS
+from bcid.likelihood.take import KNOT_S
 from bcid.recording.checks.contacts import find_contacts
 from bcid.recording.types import Recording
 from bcid.report.formats import format_with_error, plain_name, symbol_text
@@ -107,5 +108,5 @@ def _acting_knots(values: Mapping[str, float | None], knots: Mapping[str, Floats
     if x is not None and y is not None and radius is not None:
         acting &= np.hypot(knots["x"] - x, knots["y"] - y) <= radius
     if t is not None:
-        acting &= knots["time_s"] - 0.5 * PART_S >= begin_s + t
+        acting &= knots["time_s"] - 0.5 * KNOT_S >= begin_s + t
     return acting

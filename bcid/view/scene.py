@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from bcid.aliases import Floats
-from bcid.diagnosis.locate.pushes import PART_S
 from bcid.documents.diagnosis import Circle, DiagnosisDocument
+from bcid.likelihood.take import KNOT_S
 from bcid.vehicle import Vehicle
 from bcid.view import messages
 from bcid.view.messages import Colour, Message, parse_colour, pose_message, vector_message
@@ -148,7 +148,7 @@ class PushScale:
 
 def push_entities(ns: int, knots: Mapping[str, Floats], k: int, scale: PushScale) -> list[Message]:
     """The pushes of one knot before and after effects are named; they vanish when the knot is over."""
-    lifetime = round(PART_S * 1e9)
+    lifetime = round(KNOT_S * 1e9)
     return [
         messages.scene_entity(ns, f"push {stage}", lifetime_ns=lifetime, arrows=scale.arrows(knots, k, stage))
         for stage in STAGES

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats
-from bcid.diagnosis.locate.pushes import PART_S
 from bcid.evaluation.closed_loop import RestartedPrediction
+from bcid.likelihood.take import KNOT_S
 from bcid.recording.checks.contacts import find_contacts
 from bcid.recording.types import BRAKE_CHANNEL
 from bcid.view import messages, scene
@@ -193,7 +193,7 @@ def _diagnosis_topics(content: ViewContent) -> Iterator[Topic]:
         yield Topic("/bcid/places", "foxglove.SceneUpdate", [Timed(begin, messages.scene_update(*circles))])
     scale, timed = scene.PushScale(knots, content.vehicle), []
     for k, middle_s in enumerate(knots["time_s"].tolist()):
-        ns = content.stamp_ns(middle_s - 0.5 * PART_S)
+        ns = content.stamp_ns(middle_s - 0.5 * KNOT_S)
         timed.append(Timed(ns, messages.scene_update(*scene.push_entities(ns, knots, k, scale))))
     yield Topic("/bcid/pushes", "foxglove.SceneUpdate", timed)
     for stage in scene.STAGES:

@@ -11,31 +11,25 @@ from bcid.effects.actuators import ActuatorChain, actuation_at
 from bcid.effects.car import LagState, unpack_body, unpack_lags, wrench_with_effects
 from bcid.effects.constants import Constants
 from bcid.effects.motion import integrate_body
-from bcid.likelihood.estimate_scales import estimate_scales
 from bcid.likelihood.lane_rollout import SegmentLayout, push_wrenches, segment_layout, shift_chain_time
 from bcid.likelihood.lane_start import first_lags_of_one, steps_of_recording
-from bcid.likelihood.marginal import segment_moments
+from bcid.likelihood.marginal import estimate_scales, segment_moments
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.take import KNOTS, N_START, SEGMENT_S, Take
+from bcid.likelihood.take import KNOTS, N_START, Take
 from bcid.physics.car import Car
 
 STATE_NAMES = ("p_x", "p_y", "theta", "v_x", "v_y", "omega", "delta", "delta_rate", "u_m", "alpha_f", "alpha_r", "F_m")
 WRENCH_CHANNELS = ("fx", "fy", "mz")
 
 
-PARTS = 3
-"""Parts of a segment over which pushes are averaged, and told, each PART_S."""
-PART_S = SEGMENT_S / PARTS  # 0.5 s
-
-
 class Disturbances(NamedTuple):
-    """Mean pushes, as accelerations, of K parts of S segments, and the fitted car's mean states there."""
+    """Pushes, as accelerations, at the K knots of S segments, and the fitted car's mean states there."""
 
-    time_s: Floats  # (K,) middle of the part
+    time_s: Floats  # (K,) middle of the knot
     segment: Ints  # (K,)
     push: Floats  # (K, 3) m/s^2, m/s^2, rad/s^2: posterior means
     strength: Floats  # (K, 3) in standard deviations of what the fit expects of them
-    states: dict[str, Floats]  # (K,) each, by STATE_NAMES: means over the parts
+    states: dict[str, Floats]  # (K,) each, by STATE_NAMES: means over the knots
 
 
 @njit_inline
@@ -48,18 +42,18 @@ def driving_force(steady: LagState, p: Car) -> float:
 
 
 @njit_parallel
-def _mean_part_states(
+def _mean_knot_states(
     layout: SegmentLayout, start: Floats, chain: ActuatorChain, p: Car, e: Switches, c: Constants
 ) -> Floats:
-    """Mean predicted state over each 0.5 s part of all S segments: (S, PARTS, 12), columns in the order of STATE_NAMES.
+    """Mean predicted state over each 0.5 s knot of all S segments: (S, KNOTS, 12), columns in the order of STATE_NAMES.
 
     They are p_x, p_y (m), theta (rad, world), v_x, v_y (m/s), omega (rad/s, body), delta and its rate, throttle u_m,
     slip angles alpha_f and alpha_r (rad), and the motor's force F_m (N).  Predictions start from `start` (S,
     N_NUISANCE), each segment's initial state and disturbances.
     """
     S = len(layout.step)
-    out = np.zeros((S, PARTS, 12))
-    per_knot, per_part = layout.steps // KNOTS, layout.steps // PARTS
+    out = np.zeros((S, KNOTS, 12))
+    per_knot = layout.steps // KNOTS
     for s in numba.prange(S):
         own, T, pushes = shift_chain_time(chain, layout.zero_s[s]), layout.length_s[s], push_wrenches(start[s], p)
         first, n, b = layout.step[s], per_knot * KNOTS, unpack_body(start[s])
@@ -76,29 +70,25 @@ def _mean_part_states(
                 np.arctan(v_ry / max(abs(b.v_x), p.v_0)), driving_force(w.steady, p),
             )  # fmt: skip
             for j in range(12):
-                out[s, i // per_part, j] += row[j] / per_part
+                out[s, i // per_knot, j] += row[j] / per_knot
     return out
 
 
 def estimate_disturbances(fit: Fit, take: Take) -> Disturbances:
-    """Estimate the mean accelerations of the body over parts of 0.5 s that explain the pose residuals of a fit.
+    """Estimate the accelerations of the body, constant over 0.5 s, that explain the pose residuals of a fit.
 
     They are posterior means of a linear Gaussian model with the fitted standard deviations of noise and disturbances.
-    With them come the car's mean states over the same parts.
+    With them come the car's mean states over the same intervals.
     """
     inputs = fit.hypothesis.prediction_inputs(fit.phi, take)
     _, e = estimate_scales(segment_moments(fit.residuals(take, fit.phi), fit.tangent.A, take.first), fit.scales, 0)
-    means = _mean_part_states(segment_layout(take), fit.start, *inputs.kernel_arguments)
-    S, share = take.segments, np.full(KNOTS // PARTS, PARTS / KNOTS)
-    push = e.z[:, N_START:].reshape(S, PARTS, -1, 3).mean(axis=2).reshape(-1, 3)
-    V = e.V[:, N_START:, N_START:].reshape(S, PARTS, len(share), 3, PARTS, len(share), 3)
-    spread = np.einsum("spicpjc,i,j->spc", V, share, share).reshape(-1, 3)
-    prior = np.linalg.inv(fit.scales.nuisance_precision()[N_START:, N_START:])[: 3 * len(share), : 3 * len(share)]
-    variance = np.einsum("icjc,i,j->c", prior.reshape(len(share), 3, len(share), 3), share, share)
-    expected = np.sqrt(np.maximum(variance - spread, 1e-3 * variance))
-    middles = take.begin_s[:, None] + (np.arange(PARTS) + 0.5) * take.steps * inputs.chain.h / PARTS
+    means = _mean_knot_states(segment_layout(take), fit.start, *inputs.kernel_arguments)
+    push = e.z[:, N_START:].reshape(-1, 3)
+    spread = np.einsum("skk->sk", e.V)[:, N_START:].reshape(-1, 3)
+    expected = np.sqrt(np.maximum(fit.scales.q**2 - spread, 1e-3 * fit.scales.q**2))
+    knots = take.begin_s[:, None] + (np.arange(KNOTS) + 0.5) * take.steps * inputs.chain.h / KNOTS
     columns = means.reshape(-1, len(STATE_NAMES)).T
     return Disturbances(
-        middles.ravel(), np.repeat(np.arange(S), PARTS), push, push / expected,
+        knots.ravel(), np.repeat(np.arange(take.segments), KNOTS), push, push / expected,
         dict(zip(STATE_NAMES, columns, strict=True)),
     )  # fmt: skip

@@ -11,8 +11,9 @@ import numpy as np
 
 from bcid.aliases import Bools, Floats
 from bcid.diagnosis.limits import LOCATE_LIMITS
-from bcid.diagnosis.locate.pushes import PARTS, Disturbances
+from bcid.diagnosis.locate.pushes import Disturbances
 from bcid.effects.entry import VehicleScale
+from bcid.likelihood.take import KNOTS
 
 RADII_M = (0.5, 0.8, 1.2, 1.7)  # of the bumper car, as is
 CENTRE_SPACING = 0.5  # of the circles' centres, in radii
@@ -71,7 +72,7 @@ def _scan_sets(inside: Bools, disturbances: Disturbances) -> tuple[Floats, float
     permutations of whole segments whose largest statistic over all sets is at least as large.
     """
     energies, rng = knot_energies(disturbances), np.random.default_rng(0)
-    by_segment = energies.reshape(-1, PARTS)
+    by_segment = energies.reshape(-1, KNOTS)
     orders = [rng.permutation(len(by_segment)) for _ in range(PERMUTATIONS)]
     permuted = np.stack([by_segment[o].ravel() for o in orders], axis=1)
     ratios, most = np.empty(len(inside)), np.zeros(PERMUTATIONS)

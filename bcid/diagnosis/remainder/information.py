@@ -17,11 +17,10 @@ import numpy as np
 from bcid.aliases import Floats, Ints
 from bcid.diagnosis.remainder.evidence import Quadratic
 from bcid.diagnosis.remainder.functions import RemainderBasis
-from bcid.likelihood.estimate_scales import estimate_scales
 from bcid.likelihood.force_history import history_values
 from bcid.likelihood.hypothesis import NO_REMAINDER, Hypothesis
 from bcid.likelihood.jacobian import changed_cars, on_body_and_servo, parameter_jacobian
-from bcid.likelihood.marginal import MarginalTerms, robust_weights, segment_moments
+from bcid.likelihood.marginal import MarginalTerms, estimate_scales, robust_weights, segment_moments
 from bcid.likelihood.nuisance import LinearisedHistories, about_no_pushes, linearise_histories
 from bcid.likelihood.prior import Prior
 from bcid.likelihood.refit import Fit

@@ -13,10 +13,9 @@ from threadpoolctl import threadpool_limits
 from bcid.aliases import Floats
 from bcid.errors import PredictionDiverged
 from bcid.likelihood.divergence import refuse_divergence
-from bcid.likelihood.estimate_scales import estimate_scales
 from bcid.likelihood.hypothesis import DRAG
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
-from bcid.likelihood.marginal import segment_moments, student_log_densities
+from bcid.likelihood.marginal import estimate_scales, segment_moments, student_log_densities
 from bcid.likelihood.prepare import base_hypothesis, prepare_and_fit_base
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
