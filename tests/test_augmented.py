@@ -444,7 +444,7 @@ def test_words_that_do_not_fit_a_saved_model_are_refused(tmp_path: Path) -> None
     refused(UsageError, "go together", "--commands", manoeuvre)
     refused(UsageError, "--ideal", *model, "--commands", manoeuvre, "--ideal")
     refused(UsageError, "noise", *model, "--commands", manoeuvre, "--set", "mass=300")
-    refused(InputRefused, "folder of a saved model", "--model", tmp_path / "none", "--commands", manoeuvre)
+    refused(InputRefused, "saved model|no fitted model", "--model", tmp_path / "none", "--commands", manoeuvre)
     refused(InputRefused, "does not exist", *model, "--commands", tmp_path / "none.csv")
     over = manoeuvre.rename(tmp_path / "drive.commands.csv")
     refused(UsageError, "written over", *model, "--commands", over)
