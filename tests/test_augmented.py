@@ -431,7 +431,8 @@ def test_the_seed_is_the_noise(tmp_path: Path, vehicle: Vehicle) -> None:
     assert 3e-4 < (one - other)[:, 0].std() / math.sqrt(2.0) < 7e-4
 
 
-def test_words_that_do_not_fit_a_saved_model_are_refused(tmp_path: Path) -> None:
+def test_words_that_do_not_fit_a_saved_model_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # where no pipeline file says in which workspace models are kept
     manoeuvre = commands_file(tmp_path, 0.05 * np.arange(60), np.tile([0.3, 1.5], (60, 1)))
 
     def refused(error: type[Exception], match: str, *words: str | Path) -> None:
@@ -444,7 +445,7 @@ def test_words_that_do_not_fit_a_saved_model_are_refused(tmp_path: Path) -> None
     refused(UsageError, "go together", "--commands", manoeuvre)
     refused(UsageError, "--ideal", *model, "--commands", manoeuvre, "--ideal")
     refused(UsageError, "noise", *model, "--commands", manoeuvre, "--set", "mass=300")
-    refused(InputRefused, "saved model|no fitted model", "--model", tmp_path / "none", "--commands", manoeuvre)
+    refused(InputRefused, "folder of a saved model", "--model", tmp_path / "none", "--commands", manoeuvre)
     refused(InputRefused, "does not exist", *model, "--commands", tmp_path / "none.csv")
     over = manoeuvre.rename(tmp_path / "drive.commands.csv")
     refused(UsageError, "written over", *model, "--commands", over)

@@ -35,6 +35,7 @@ def test_what_only_judges_is_told_apart(tmp_path: Path, trained: bool) -> None:
 def test_two_runs_can_leave_the_same_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
     """SOURCE_DATE_EPOCH is the date of a card, as it is of reproducible builds; else a card has today's."""
     origin = Origin("car", DataFile(name="car.toml", sha256="ab" * 32), (), "bcid report")
+    monkeypatch.delenv("SOURCE_DATE_EPOCH", raising=False)
     assert origin.card(not_for=()).made != "2027-01-15T08:00:00Z"
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1800000000")
     assert origin.card(not_for=()).made == "2027-01-15T08:00:00Z"

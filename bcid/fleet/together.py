@@ -44,7 +44,7 @@ class _Series(NamedTuple):
     errors: Floats  # (I,) standard errors
     relative: bool  # whether it is compared by its logarithm: it has one sign everywhere, and is known well
 
-    def compared(self) -> tuple[Floats, Floats]:
+    def values_to_compare(self) -> tuple[Floats, Floats]:
         """Values and standard errors (I,) of what is compared: the parameter, or the logarithm of its size."""
         size = np.abs(self.values)
         return (np.log(size), self.errors / size) if self.relative else (self.values, self.errors)
@@ -97,7 +97,9 @@ def _follow_parameters(
     """
     series = _car_series(logs) + [s for each in occurrences for s in _effect_series(logs, each)]
     models = [
-        fit_days(*s.compared(), [days.index(log.label.day) for log in s.logs], [log.label.car for log in s.logs])
+        fit_days(
+            *s.values_to_compare(), [days.index(log.label.day) for log in s.logs], [log.label.car for log in s.logs]
+        )
         for s in series
     ]
     changes = [(s, model, change) for s, model in zip(series, models, strict=True) if model for change in model.changes]

@@ -60,12 +60,12 @@ class Origin:
         )
         return ModelCard(
             vehicle=self.vehicle, vehicle_file=self.vehicle_file, data=data,
-            duration_s=sum(s.duration_s for s in summaries), made=f"{_now():%Y-%m-%dT%H:%M:%SZ}",
+            duration_s=sum(s.duration_s for s in summaries), made=f"{_date_of_making():%Y-%m-%dT%H:%M:%SZ}",
             program=f"bcid {__version__}", command=self.command, **more,
         )  # fmt: skip
 
 
-def _now() -> datetime:
+def _date_of_making() -> datetime:
     """The time of day, or what SOURCE_DATE_EPOCH says it is (s), by which two runs can leave the same bytes."""
     stated = os.environ.get("SOURCE_DATE_EPOCH")
     return datetime.fromtimestamp(int(stated), UTC) if stated and stated.isdigit() else datetime.now(UTC)

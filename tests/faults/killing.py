@@ -52,8 +52,8 @@ def start(folder: Path, name: str) -> subprocess.Popen[bytes]:
     )
 
 
-def workspace(folder: Path, name: str) -> Path:
-    """Where that run leaves its artifacts."""
+def workspace_of(folder: Path, name: str) -> Path:
+    """Where the run called `name` leaves its artifacts."""
     return folder / name / "workspace"
 
 
@@ -76,10 +76,10 @@ def one_kill(folder: Path, number: int, lasts_s: float, whole: dict[str, str]) -
     time.sleep(float(rng.uniform(0.0, lasts_s)))
     os.killpg(run.pid, signal.SIGKILL)
     run.wait()
-    stages = [p.name for p in workspace(folder, name).glob("*") if not p.name.startswith(".")]
+    stages = [p.name for p in workspace_of(folder, name).glob("*") if not p.name.startswith(".")]
     again = start(folder, name)
     _, text = again.communicate()
-    found = contents(workspace(folder, name))
+    found = contents(workspace_of(folder, name))
     outcome = "same"
     if again.returncode != 0:
         outcome = f"exit {again.returncode}: {text.decode(errors='replace')[-300:]}"
@@ -101,7 +101,7 @@ def killed(n: int, workers: int, report: Callable[[str], None]) -> tuple[dict[st
                 if run.returncode != 0:
                     raise RuntimeError(text.decode(errors="replace"))
             lasts_s = time.monotonic() - begun
-        whole, twice = contents(workspace(folder, "whole")), contents(workspace(folder, "twice"))
+        whole, twice = contents(workspace_of(folder, "whole")), contents(workspace_of(folder, "twice"))
         with ThreadPoolExecutor(workers) as pool:
             rows = []
             for row in pool.map(lambda k: one_kill(folder, k, lasts_s, whole), range(n)):
