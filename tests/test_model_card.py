@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from bcid.cli.app import app
 from bcid.documents.model_card import DataFile
+from bcid.errors import UsageError
 from bcid.evaluation.validity import QUANTITIES, DataRange
 from bcid.pipeline.model_card import Origin, describe_comparison
 from bcid.report.formats import SPAN_NAMES, format_number
@@ -39,3 +42,12 @@ def test_two_runs_can_leave_the_same_bytes(monkeypatch: pytest.MonkeyPatch) -> N
     assert origin.card(not_for=()).made != "2027-01-15T08:00:00Z"
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1800000000")
     assert origin.card(not_for=()).made == "2027-01-15T08:00:00Z"
+
+
+@pytest.mark.parametrize("stated", ["today", "1.8e9", "9" * 30, "9" * 5000])
+def test_a_stated_date_that_is_none_is_refused_before_any_work(stated: str) -> None:
+    refused = CliRunner().invoke(app, ["effects"], env={"SOURCE_DATE_EPOCH": stated})
+    assert isinstance(refused.exception, UsageError)
+    assert str(refused.exception).startswith("SOURCE_DATE_EPOCH: ")
+    assert len(str(refused.exception)) < 200
+    assert CliRunner().invoke(app, ["effects"], env={"SOURCE_DATE_EPOCH": "1800000000"}).exit_code == 0

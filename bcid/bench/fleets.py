@@ -95,7 +95,7 @@ def _run_fleet(home: Path, logs: Sequence[Path], workers: int, dask: str | None,
 
 
 def run_and_weigh(command: list[str]) -> WeighedRun:
-    """Run a command, whose output is dropped, and what it and all that it has started took.
+    """Run a command, and what it and all that it has started took; its output is dropped, its errors are shown.
 
     Raises:
         UsageError: this is Windows, which does not tell.
@@ -103,7 +103,7 @@ def run_and_weigh(command: list[str]) -> WeighedRun:
     if sys.platform == "win32":
         raise UsageError("fleets are weighed as POSIX systems do\n  next: run it on Linux")
     begin = time.perf_counter()
-    dropped = [(os.POSIX_SPAWN_OPEN, n, os.devnull, 1, 0) for n in (1, 2)]
+    dropped = [(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]
     pid = os.posix_spawnp(command[0], command, os.environ, file_actions=dropped)
     _, status, usage = os.wait4(pid, 0)
     wall_s, cpu_s = time.perf_counter() - begin, usage.ru_utime + usage.ru_stime

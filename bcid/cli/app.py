@@ -52,6 +52,9 @@ def accept_global_options(
     ] = False,
 ) -> None:
     """Accept the options that stand before a command; there is only `--version`."""
+    from bcid.pipeline.making_date import making_date
+
+    making_date()  # one that is stated and is none is refused before any work: libraries take it for a number
 
 
 def ingest(

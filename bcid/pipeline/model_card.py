@@ -1,9 +1,7 @@
 """The model card of a diagnosis or of a comparison: its data, when and how it was made, where it holds."""
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +11,7 @@ from bcid.documents.model_card import DataFile, DataSpan, ModelCard, NoiseLevel
 from bcid.evaluation.validity import QUANTITIES, DataRange, load_validity
 from bcid.models.interface import Model
 from bcid.models.saving import load_model
+from bcid.pipeline.making_date import making_date
 from bcid.recording.saving import RecordingSummary
 
 POSE_NOISE = (("position x", "m"), ("position y", "m"), ("yaw", "rad"))
@@ -60,15 +59,9 @@ class Origin:
         )
         return ModelCard(
             vehicle=self.vehicle, vehicle_file=self.vehicle_file, data=data,
-            duration_s=sum(s.duration_s for s in summaries), made=f"{_date_of_making():%Y-%m-%dT%H:%M:%SZ}",
+            duration_s=sum(s.duration_s for s in summaries), made=f"{making_date():%Y-%m-%dT%H:%M:%SZ}",
             program=f"bcid {__version__}", command=self.command, **more,
         )  # fmt: skip
-
-
-def _date_of_making() -> datetime:
-    """The time of day, or what SOURCE_DATE_EPOCH says it is (s), by which two runs can leave the same bytes."""
-    stated = os.environ.get("SOURCE_DATE_EPOCH")
-    return datetime.fromtimestamp(int(stated), UTC) if stated and stated.isdigit() else datetime.now(UTC)
 
 
 def describe_diagnosed_model(origin: Origin, diagnosis: DiagnosisDocument, folder: Path) -> ModelCard:
