@@ -1,4 +1,5 @@
-# make run: set up, then do the main job on the sample logs.  make test: set up, then the tests (make proofs: those that take minutes).
+# make run: set up, then do the main job on the sample logs.  make test: set up, then the tests that take less than ten seconds each
+# (make slow: those that take more, make proofs: those that take minutes).
 # make wheel: the wheel, installed and run.  make versions: tests under every version of Python (VERSIONS="3.12" for one).
 # make fuzz N=10000, make kills N=200: mutants of every kind of file, kills of a whole pipeline; figures to docs/results/faults.json.
 # make faults: both, flipped bits, the conformance suite and files that expand, and docs/recordings.md of them.
@@ -8,13 +9,17 @@ READY := .venv/.ready
 
 N ?= 1000
 
-.PHONY: run test proofs fuzz kills faults check wheel versions samples clean
+.PHONY: run test slow proofs fuzz kills faults check wheel versions samples clean
 
 run: $(READY)
 	$(BIN)/bcid run
 
+# a worker for each core: their kernels would fight
 test: $(READY)
-	NUMBA_NUM_THREADS=1 $(BIN)/pytest -q -n 2 --dist loadfile  # a worker for each core: their kernels would fight
+	NUMBA_NUM_THREADS=1 $(BIN)/pytest -q -n 2 --dist loadfile -m "not slow and not proof"
+
+slow: $(READY)
+	NUMBA_NUM_THREADS=1 $(BIN)/pytest -q -n 2 --dist loadfile -m slow
 
 proofs: $(READY)
 	NUMBA_NUM_THREADS=1 $(BIN)/pytest -q -n 2 -m proof

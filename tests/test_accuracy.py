@@ -172,6 +172,7 @@ def test_what_a_peer_cannot_fit_is_told_and_the_others_go_on(tmp_path: Path, mon
     assert second["horizons"]["0.5 s"]["nmse"] > 0.0
 
 
+@pytest.mark.slow
 def test_several_processes_give_the_same_rows_in_the_same_order(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

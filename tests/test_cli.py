@@ -123,6 +123,7 @@ def test_the_contract_s_own_vehicle_file_is_read(tmp_path: Path) -> None:
     assert read_vehicle(path).steering.max_rate_radps == 1.418
 
 
+@pytest.mark.slow
 def test_recordings_may_be_named_directly(tmp_path: Path, takes: dict[str, Path], vehicle_file: Path) -> None:
     where = ("--vehicle", vehicle_file, "--out", tmp_path / "w")
     taken = bcid("ingest", takes["motive"], *where, "--format", "json")
@@ -168,6 +169,7 @@ def test_hostile_names_are_inert(tmp_path: Path, vehicle_file: Path) -> None:
     assert "[red]<script>x" in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="no such names there")
 def test_no_control_character_of_a_name_is_printed(tmp_path: Path, vehicle_file: Path) -> None:
     """In results, progress and errors; of takes, models, effects, cars and options; in tables, titles and sentences."""

@@ -70,6 +70,7 @@ def test_what_is_left_grows_with_time_and_not_with_the_angle() -> None:
             )
 
 
+@pytest.mark.slow
 def test_the_committed_balance_is_that_of_the_recordings(recordings_folder: Path) -> None:
     found, told = balance(recordings_folder), json.loads(RESULT.read_text(encoding="utf-8"))
     assert [row.pop("drive") for row in found] == [row.pop("drive") for row in told]

@@ -201,6 +201,7 @@ def test_a_killed_process_changes_nothing(
     assert artifacts(tmp_path / "work") == one_by_one
 
 
+@pytest.mark.slow
 def test_a_cluster_makes_the_same_and_a_killed_worker_changes_nothing(
     scheduler: str, lab: Path, logs: list[Path], one_by_one: dict[str, bytes], tmp_path: Path
 ) -> None:
@@ -265,6 +266,7 @@ def bcid(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_command_names_what_failed_and_ends_with_3(lab: Path, logs: list[Path], tmp_path: Path) -> None:
     (tmp_path / "empty.mcap").touch()
     words = ("fleet", "logs", tmp_path, "-p", "quick.toml", "--out", tmp_path / "work", "--no-diagnose", "--jobs", "1")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from bcid.diagnosis.diagnose import fit_base_model
 from bcid.diagnosis.search.refits import gain_nats, refit_from_large_sizes
 from bcid.diagnosis.search.screen import screen_effects, simulate_trials
@@ -10,6 +12,7 @@ from bcid.proof.blind.diagnose_case import estimate_concealed_drive
 from bcid.virtual_lab import read_vehicle_text, record_drive
 
 
+@pytest.mark.slow
 def test_a_dead_zone_that_a_weaker_motor_imitates_is_found_from_a_large_size() -> None:
     cases = BlindTest(90421, "", False, SuiteSizes(every=20)).cases
     case = next(c for c in cases if c.name == "other-day-less-1361")

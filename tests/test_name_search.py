@@ -169,6 +169,7 @@ def test_a_constant_law_is_named_though_a_copy_of_it_would_explain_as_much() -> 
     assert abs(value - 0.0125) < 4.0 * se
 
 
+@pytest.mark.slow
 def test_a_friction_that_comes_and_goes_has_no_name() -> None:
     """Functions that turn round where the car does explain it best; no constant friction is named for it."""
     base, take = concealing(180.0, bearing_heat=60.0)

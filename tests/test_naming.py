@@ -176,6 +176,7 @@ def test_no_tyre_is_beyond_any_tyre() -> None:
     assert (odd.phi_of(odd.nominal) <= odd.bounds()[1] + 1e-12).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("raw", [True, False])
 def test_a_raw_command_s_gain_may_be_off(null_take: Take, raw: bool) -> None:
     """Three per cent too much in every command: of a raw one it is the gain; of an angle it has no name.

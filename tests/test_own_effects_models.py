@@ -98,6 +98,7 @@ def test_models_without_such_effects_are_saved_as_ever(tmp_path: Path) -> None:
 # --- exports ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "effects"),
     [(MAGNET, {"magnet_strip__k": 60.0}), (ACTUATORS, ALL_OWN), (ACTUATORS, {**ALL_OWN, "motor_lag__tau": 0.1})],
