@@ -27,7 +27,6 @@ from bcid.adaptation.filter import (
 )
 from bcid.adaptation.formulas import AdaptiveFormulas, trace_adaptive
 from bcid.adaptation.quantities import AdaptedQuantity, choose_quantities, with_quantities
-from bcid.adaptation.recovery import ErrorsOverTime, recovery_time_s
 from bcid.aliases import Floats
 from bcid.effects.constants import Constants
 from bcid.errors import UsageError
@@ -249,13 +248,3 @@ def step_in_c(c: Any, memory: Any, commands: Floats, poses: Floats) -> Floats:
         c.car_adapt_step(memory, numbers(command), None if np.isnan(pose[0]) and k % 2 else numbers(pose))
         found.append(memory[:count])
     return np.array(found)
-
-
-def test_recovery_is_told_where_there_is_enough_before_and_after() -> None:
-    begin = np.arange(0.0, 200.0)
-    adapted = np.where((begin >= 98.0) & (begin < 110.0), 0.3, 0.1)
-    errors = ErrorsOverTime(begin, np.full(200, 0.3), adapted)
-    assert recovery_time_s(errors, 100.0, factor=1.0) == 10.0
-    assert recovery_time_s(errors, 10.0) is None
-    assert recovery_time_s(errors, 190.0) is None
-    assert recovery_time_s(errors._replace(adapted=np.where(begin >= 98.0, 0.3, 0.1)), 100.0) is None

@@ -16,8 +16,6 @@ HORIZON_S = 2.0
 """Time (s) over which positions are predicted: that of a controller that looks ahead."""
 EVERY_S = 1.0
 """Time (s) from one prediction to the next."""
-BEFORE_S = 20.0
-"""Time (s) over which errors are averaged, backward, in what recovery is judged by."""
 
 
 class ErrorsOverTime(NamedTuple):
@@ -45,26 +43,3 @@ def errors_over_time(adaptation: Adaptation, given: Model, estimate: Estimate) -
 def _error_from(model: Model, estimate: Estimate, row: int, ahead: int) -> float:
     """The position error (m) of a prediction from a row of the estimate over `ahead` periods."""
     return float(position_errors(model, estimate.select_rows(slice(row, row + ahead + 1)), HORIZON_S)[0])
-
-
-def recovery_time_s(errors: ErrorsOverTime, change_s: float, factor: float = 1.2) -> float | None:
-    """The time (s) from a change at `change_s` until the adapted model is as good as before, but for a `factor`.
-
-    Good is the root mean square of the errors over `BEFORE_S`: after the change of those that begin in so long a time
-    from the moment that is judged, before it of the last ones that end by then.  None where it never is, or where
-    predictions do not go so far to either side.
-    """
-
-    def root_mean_square(begin: float, end: float) -> float:
-        chosen = errors.adapted[(errors.begin_s >= begin) & (errors.begin_s < end)]
-        return float(np.sqrt(np.mean(chosen**2)))
-
-    first, last = float(errors.begin_s[0]), float(errors.begin_s[-1])
-    until = change_s - HORIZON_S
-    if until - BEFORE_S < first or change_s + BEFORE_S > last:
-        return None
-    former = root_mean_square(until - BEFORE_S, until)
-    for begin in errors.begin_s[(errors.begin_s >= change_s) & (errors.begin_s + BEFORE_S <= last)].tolist():
-        if root_mean_square(begin, begin + BEFORE_S) <= factor * former:
-            return float(begin - change_s)
-    return None
