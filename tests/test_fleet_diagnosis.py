@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -141,8 +142,20 @@ def test_what_is_named_beside_something_that_only_one_log_has_counts_in_full() -
 
 
 def test_a_log_that_shows_much_less_than_others_speaks_against_an_effect() -> None:
-    assert log().at_size(-2.0, EFFECT, 200.0) < -50.0
-    assert log().at_size(180.0, EFFECT, 200.0) == pytest.approx(180.0, abs=1.0)
+    usual = log({EFFECT: 200.0}).nats_a_stretch(EFFECT)
+    assert log().at_size(-2.0, EFFECT, usual) < -50.0
+    assert log().at_size(180.0, EFFECT, usual) == pytest.approx(180.0, abs=1.0)
+
+
+def test_a_short_log_is_not_expected_to_say_what_a_long_one_does() -> None:
+    """Four logs of 400 stretches name the effect; four of 20 show as much of it as so short a log can."""
+    named = replace(log({EFFECT: 150.0}), stretches=400)
+    short = replace(log(**{EFFECT: 6.0}), stretches=20)
+    found = find_occurrences([named] * 4 + [short] * 4, [0] * 8, [""] * 8)
+    assert [f.effect for f in found] == [EFFECT]
+    assert found[0].in_logs.min() > 0.9
+    none = replace(log(**{EFFECT: -2.0}), stretches=20)
+    assert find_occurrences([named] * 4 + [none] * 4, [0] * 8, [""] * 8)[0].in_logs[4:].max() < 0.1
 
 
 def test_where_the_cars_are_known_the_logs_of_one_stand_together() -> None:
@@ -329,6 +342,45 @@ def test_diagnoses_are_put_into_words_and_on_a_page(tmp_path: Path) -> None:
     assert text.count("<svg") == 3  # the effect's logs, and a strip each for K_t and the patch
     document.write(tmp_path / "fleet.json")
     assert FleetDocument.read(tmp_path / "fleet.json") == document
+
+
+def test_an_effect_is_told_of_the_days_whose_logs_have_it() -> None:
+    """It came on the second day, and no log of the third has it."""
+    having = diagnosed_log(HAVING[0], 2.0).document
+    lacking = diagnosed_log(0, 2.0).document
+    logs = [
+        diagnosed_log(i, 2.0)._replace(document=having if DAYS[i] == 1 else lacking) for i in range(len(DAYS))
+    ]  # fmt: skip
+    _, second, third = fleet_sentences(fleet_document(logs))
+    assert second == "2026-11-29: the cars of 2026-11-28, but for rough patch."
+    assert third == "2026-11-30: no parameter is shown to be another than on 2026-11-28."
+
+
+def test_what_is_drawn_to_a_published_figure_is_compared_as_each_log_alone_shows_it() -> None:
+    """A change of 10 % is told as such, though a simulation trusted to 5 % draws every log to its figure."""
+    rng, trust, se = np.random.default_rng(7), 0.05, 0.05
+    changes, held = [], []
+    for _ in range(40):
+        logs = []
+        for i in range(len(DAYS)):
+            alone = np.log(2.0 * (1.1 if DAYS[i] == 2 else 1.0)) + se * rng.normal()
+            drawn = (alone / se**2 + np.log(2.0) / trust**2) / (se**-2 + trust**-2)
+            K_t = BaseParameter(
+                symbol="K_t", value=np.exp(drawn), se=np.exp(drawn) * (se**-2 + trust**-2) ** -0.5,
+                of_recording=Quantity(value=np.exp(alone), se=np.exp(alone) * se),
+            )  # fmt: skip
+            document = diagnosed_log(0, 2.0).document.model_copy(
+                update={"simulation": "published", "base": BaseModel(parameters=(K_t,))}
+            )
+            logs.append(DiagnosedLog(f"log_{i}", LogLabel(ALL_DAYS[DAYS[i]]), document))
+        together = diagnose_together(logs, ALL_DAYS)
+        assert together is not None
+        (parameter,) = together.parameters
+        first, last = parameter.days[0], parameter.days[-1]
+        changes.append(last.mean / first.mean - 1.0)
+        held.append(last.ci95[0] < 2.2 < last.ci95[1])
+    assert np.mean(changes) == pytest.approx(0.1, abs=0.02)
+    assert np.mean(held) > 0.85
 
 
 def test_a_log_that_cannot_say_is_not_listed_and_leaves_a_gap_on_the_page(tmp_path: Path) -> None:

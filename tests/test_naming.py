@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from cars import CAR
 
+from bcid.diagnosis.base_parameters import without_trust
 from bcid.diagnosis.locate.pushes import STATE_NAMES, Disturbances, estimate_disturbances
 from bcid.diagnosis.locate.scan_statistic import knot_energies, scan_circles, scan_windows
 from bcid.diagnosis.search.name_search import Naming, name_effects
@@ -321,6 +322,21 @@ def test_a_trusted_parameter_that_is_bent_pulls_back(null_take: Take, null_fit: 
     information = np.sqrt(found.G[0, 0])
     assert abs(found.tension @ found.pulls[:, 0]) / information > 1.0  # the pull is no small matter here
     assert found.slope(slice(0, 1))[0] / information == pytest.approx(likelihood / information, abs=0.3)
+
+
+def test_what_a_take_alone_shows_is_told_without_the_trust_in_a_simulation(null_take: Take, null_fit: Fit) -> None:
+    """Beside a simulation that is off, and trusted to a few standard errors, the take alone is as fitted freely."""
+    free_se = np.sqrt(np.diag(null_fit.covariance))
+    off = CAR._replace(C_f=1.01 * CAR.C_f, K_t=1.005 * CAR.K_t, F_r_max=1.01 * CAR.F_r_max)
+    hypothesis = replace(BASE, nominal=off).trust_simulation([], 0.003)
+    fit = refit(null_take, hypothesis, null_fit.phi, null_fit.start, null_fit.scales)
+    drawn = (fit.phi - null_fit.phi) / free_se
+    change, se = without_trust(fit)
+    alone = (fit.phi + change - null_fit.phi) / free_se
+    well_known = free_se < 0.2
+    assert np.abs(drawn[well_known]).max() > 1.0
+    assert np.abs(alone[well_known]).max() < 0.5
+    np.testing.assert_allclose(se[well_known], free_se[well_known], rtol=0.3)
 
 
 def test_what_meets_a_bound_stays_there_and_the_rest_goes_on() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from bcid.aliases import Floats
+from bcid.diagnosis.base_parameters import describe_base_parameters
 from bcid.diagnosis.diagnose import Diagnosis
 from bcid.diagnosis.judge.prediction_error import PredictedTracks
 from bcid.diagnosis.judge.verdict import Finding, are_indistinguishable
@@ -14,9 +15,7 @@ from bcid.diagnosis.locate.pushes import WRENCH_CHANNELS
 from bcid.diagnosis.search.refits import estimates_by_symbol, fitted_corrections, named_effects
 from bcid.documents import diagnosis as written
 from bcid.effects.entry import Effect, Parameter
-from bcid.effects.table import EFFECTS, ENTRIES, effect_ids
-from bcid.likelihood.hypothesis import DRAG
-from bcid.models.newton_euler.parameters import constant_units
+from bcid.effects.table import EFFECTS, ENTRIES
 
 SUMMARY_S = 2.0  # the horizon that stands for all in `fit`
 LAW_DIGITS = 4
@@ -72,7 +71,7 @@ def summarise_diagnosis(
             )
             for name in fitted_corrections(fit)
         ),
-        base=written.BaseModel(parameters=tuple(_base_parameters(diagnosis))),
+        base=written.BaseModel(parameters=tuple(describe_base_parameters(fit))),
         rivals=tuple(_describe_rivals(diagnosis)),
         placebos=tuple(
             written.Placebo(name=f"{c.effect}, carried half a take away", gain_nats=c.score)
@@ -207,33 +206,6 @@ def _describe_unknown(diagnosis: Diagnosis) -> written.UnknownPart:
         form="; ".join(entry.equation for entry in entries) or None,
         heldout_gain=corrections.nats if corrections else 0.0,
     )
-
-
-def _base_parameters(diagnosis: Diagnosis) -> list[written.BaseParameter]:
-    """The refitted parameters of the base model, and of the effects that it assumes, with standard errors.
-
-    `shown` is false for base parameters with a relative standard error of `SUMMARY_LIMITS.max_relative_se` or more,
-    except drag R_1 and R_2; `at_bound` is true for parameters that ended at a bound.
-    """
-    fit = diagnosis.fit
-    car, hypothesis, values = fit.car(), fit.hypothesis, fit.effect_estimates()
-    se = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    units, scales = constant_units(car), hypothesis.units_at(fit.phi)
-    stuck = hypothesis.is_at_bound(fit.phi).tolist()
-    own = [
-        written.BaseParameter(
-            symbol=s, value=getattr(car, s), se=float(abs(scale) * e), unit=units[s],
-            shown=bool(e < SUMMARY_LIMITS.max_relative_se or s in DRAG), at_bound=at_end,
-        )
-        for s, scale, e, at_end in zip((*hypothesis.log_parameters, *DRAG), scales, se, stuck, strict=False)
-    ]  # fmt: skip
-    return own + [
-        written.BaseParameter(
-            symbol=field.replace("__", "."), value=values[field][0], se=values[field][1], unit=p.unit, at_bound=at_end
-        )
-        for (field, p), at_end in zip(hypothesis.effect_parameters, stuck[hypothesis.base_size :], strict=True)
-        if effect_ids([field])[0] in hypothesis.assumed
-    ]
 
 
 def _describe_rivals(diagnosis: Diagnosis) -> list[written.Rival]:

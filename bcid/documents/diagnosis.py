@@ -160,6 +160,7 @@ class BaseParameter(Quantity):
 
     symbol: str
     shown: bool = True  # whether the recording says enough of it
+    of_recording: Quantity | None = None  # beside a simulation: as the recording alone shows it, if it does
 
 
 class BaseModel(Part):

@@ -54,14 +54,19 @@ class LogEvidence:
         return max(self.beside(effect), *self.in_place(effect).values(), -math.inf)
 
     def at_size(self, nats: float, effect: str, usual: float) -> float:
-        """Nats of an effect at the size at which it adds `usual` nats to other logs, where it adds `nats` at its own.
+        """Nats of an effect at the size that it has in other logs, of which each stretch gains `usual` by it.
 
-        Of a log-likelihood -(a - a_i)^2/(2 s^2) of the size a, z^2/2 = a_i^2/(2 s^2) is what the own size adds before
-        its price, and G = a^2/(2 s^2) what the other logs' size would; at that the log gains 2 sqrt(G z^2/2) - G.
+        Here it adds `nats` at its own size.  Of a log-likelihood -(a - a_i)^2/(2 s^2) of the size a, z^2/2 = a_i^2/(2
+        s^2) is what the own size adds before its price, and G = a^2/(2 s^2) what the other logs' size would: as much a
+        stretch as there, so that a short log is not expected to say what a long one does.  At that size the log gains
+        2 sqrt(G z^2/2) - G.
         """
-        price = self.price(effect)
-        own, G = max(nats + price, 0.0), max(usual + price, 0.0)
+        own, G = max(nats + self.price(effect), 0.0), usual * self.stretches
         return min(nats, 2.0 * math.sqrt(G * own) - G)
+
+    def nats_a_stretch(self, effect: str) -> float:
+        """Nats that a finding adds to each stretch of the log, before its price."""
+        return max(self.named[effect] + self.price(effect), 0.0) / self.stretches
 
     def price(self, effect: str) -> float:
         """Nats that the parameters of an effect cost."""

@@ -1,8 +1,9 @@
 """Which effects a fleet of cars has, since which day, and in what share of them: the evidence of all logs together.
 
-The diagnosis of log i says by how many nats b_ie an effect e makes the log likelier; where it does not name it, at the
-size that it has in logs that do.  It may be wrong, in a share epsilon of logs, whatever it says.  So, m_ie being the
-nats of the likeliest of e, nothing, and what stands in e's place in that log, it weighs e against its absence as
+The diagnosis of log i says by how many nats b_ie an effect e makes the log likelier; where it does not name it, and
+two others do, at the size that it has in those.  It may be wrong, in a share epsilon of logs, whatever it says.  So,
+m_ie being the largest of b_ie, zero (nothing) and what adds most in e's place in that log, it weighs e against its
+absence as
 
     ln r_ie = ln((1 - epsilon) exp(b_ie - m_ie) + epsilon) - ln((1 - epsilon) exp(-m_ie) + epsilon).
 
@@ -96,8 +97,8 @@ def _log_ratios(logs: Sequence[LogEvidence], effect: str, explained: Mapping[str
 
 
 def _usual_nats(logs: Sequence[LogEvidence], effect: str) -> float | None:
-    """Nats that an effect adds to most logs that name it, the lower quartile; None where fewer than two do."""
-    named = [log.named[effect] for log in logs if effect in log.named]
+    """Nats an effect adds to a stretch of most logs that name it, the lower quartile; None where fewer than two do."""
+    named = [log.nats_a_stretch(effect) for log in logs if effect in log.named]
     return float(np.quantile(named, 0.25)) if len(named) > 1 else None
 
 

@@ -114,9 +114,17 @@ def _follow_parameters(
 
 
 def _car_series(logs: Sequence[DiagnosedLog]) -> list[_Series]:
-    """The parameters of the car in the logs that show them."""
+    """The parameters of the car in the logs that show them.
+
+    Beside a simulation they are what each log alone shows: figures that are drawn to the same published one would seem
+    to be alike.
+    """
     tables = [
-        {p.symbol: p for p in log.document.base.parameters if p.shown and not p.at_bound} for log in logs
+        {
+            p.symbol: p.of_recording if log.document.simulation else p
+            for p in log.document.base.parameters if p.shown and not p.at_bound
+        }
+        for log in logs
     ]  # fmt: skip
     symbols = dict.fromkeys(symbol for table in tables for symbol in table)
     made = [_make_series(symbol, logs, [table.get(symbol) for table in tables]) for symbol in symbols]
@@ -144,8 +152,11 @@ def _effect_series(logs: Sequence[DiagnosedLog], occurrence: Occurrence) -> list
 
 
 def _make_series(symbol: str, logs: Sequence[DiagnosedLog], quantities: Sequence[Quantity | None]) -> _Series | None:
-    """One parameter in those of the logs in which it is known; None where there are not two."""
-    known = [(log, q) for log, q in zip(logs, quantities, strict=True) if q and q.value is not None and q.se]
+    """One parameter in those of the logs in which it is known, and not at a bound; None where there are not two."""
+    known = [
+        (log, q) for log, q in zip(logs, quantities, strict=True)
+        if q and q.value is not None and q.se and not q.at_bound
+    ]  # fmt: skip
     if len(known) < 2:
         return None
     values = np.array([float(q.value or 0.0) for _, q in known])

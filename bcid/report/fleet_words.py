@@ -1,5 +1,7 @@
 """What the logs of a fleet say together, in sentences: which effect the cars have since when, and what moved."""
 
+from collections.abc import Mapping
+
 from bcid.documents.fleet import PRESENT, FleetDiagnosis, FleetDocument, FleetEffect, MovedParameter
 from bcid.report.budget_words import percent, percent_range
 from bcid.report.formats import format_number, join_words, plain_name, symbol_text, unit_text
@@ -12,7 +14,10 @@ def fleet_sentences(document: FleetDocument) -> list[str]:
         return []
     who = "cars" if any(log.car for log in document.logs) else "logs since then"
     effects = [effect_sentence(effect, len(together.days) > 1, who) for effect in together.effects]
-    return [*(effects or ["No effect is common to enough logs to be the fleet's."]), *day_sentences(together)]
+    return [
+        *(effects or ["No effect is common to enough logs to be the fleet's."]),
+        *day_sentences(together, {log.name: log.day for log in document.logs}),
+    ]
 
 
 def effect_sentence(effect: FleetEffect, several_days: bool, who: str) -> str:
@@ -31,14 +36,20 @@ def effect_sentence(effect: FleetEffect, several_days: bool, who: str) -> str:
     )
 
 
-def day_sentences(together: FleetDiagnosis) -> list[str]:
-    """For each later day what is otherwise there than on the first: "the cars of …, but for …"."""
+def day_sentences(together: FleetDiagnosis, day_of: Mapping[str, str]) -> list[str]:
+    """For each later day what is otherwise there than on the first: "the cars of …, but for …".
+
+    `day_of` gives the day of each log: an effect that has come is told of the days of which a log has it.
+    """
     first, *later = together.days
     order = {day: k for k, day in enumerate(together.days)}
     sentences = []
     for day in later:
         moved = [m for m in together.moved if m.day == day]
-        effects = [plain_name(e.effect) for e in together.effects if 0 < order[e.since] <= order[day]]
+        effects = [
+            plain_name(e.effect) for e in together.effects
+            if order[e.since] > 0 and any(p > PRESENT and day_of[name] == day for name, p in e.in_logs.items())
+        ]  # fmt: skip
         changes = [change_in_words(m) + (f" beside {m.beside}" if m.beside != first else "") for m in moved]
         other = join_words([*effects, *changes])
         sentences.append(
