@@ -45,7 +45,7 @@ EXAMPLES: dict[str, dict[str, str]] = {
         "bcid fleet logs --dask tcp://desk:8786": "on the workers of a Dask cluster, which see the same files",
     },
     "pool": {
-        "bcid pool": "one car in all takes of training and validation of this folder's pipeline.toml, and loads",
+        "bcid pool": "one car, and its loads, in the training and validation takes of the pipeline.toml here",
         "bcid pool day1.csv day2.csv day3.csv --own mass --own motor": "load and battery of three drives, by that file",
     },
     "plan": {
