@@ -312,12 +312,15 @@ def test_the_docs_of_adapting_and_pooling_are_what_was_measured() -> None:
     text = (DOCS / "pooling.md").read_text(encoding="utf-8")
     assert f"all {pooled['loads']} loads are within 3 %" in text
     assert pooled["within_3_percent"] == pooled["loads"]
-    assert f"off by {100 * pooled['median_error_pooled_m']:.2f} cm with the car of all" in text
+    assert f"off by {100 * pooled['median_error_pooled_m']:.2f} cm with the pooled car" in text
+    assert f"by {100 * pooled['median_error_alone_m']:.2f} cm with the cars fitted to one empty drive" in text
+    assert f"than {pooled['pooled_better_than_each_alone']} of the {pooled['alone']} single cars" in text
+    assert pooled["pooled_better_than_mean_alone"] == pooled["fleets"]
 
 
 PAGES_OF_COMMANDS = (
     "README.md", "docs/quickstart.md", "docs/export.md", "docs/view.md", "docs/evidence.md", "docs/own_effects.md",
-    "docs/python.md", "docs/mpc.md", "docs/adaptation.md", "docs/pooling.md",
+    "docs/python.md", "docs/mpc.md", "docs/adaptation.md", "docs/pooling.md", "docs/fleet.md",
 )  # fmt: skip
 
 

@@ -259,6 +259,16 @@ def test_a_folder_s_recordings_are_told_by_their_content(lab: Path, tmp_path: Pa
         find_logs([tmp_path / "truth"])
 
 
+def test_the_table_of_labels_in_a_folder_of_logs_is_no_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("a.csv", "fleet.csv"):
+        (tmp_path / name).write_text("log,day,car\na,2026-11-28,red\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    found = find_logs([tmp_path], Path("fleet.csv"))
+    assert ([p.name for p in found.logs], found.passed_over) == (["a.csv"], [])
+    # another table of that name is one more file that is called like a recording
+    assert [p.name for p in find_logs([tmp_path], Path("elsewhere") / "fleet.csv").logs] == ["a.csv", "fleet.csv"]
+
+
 def bcid(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "bcid", *map(str, words)], capture_output=True, text=True, cwd=cwd, timeout=300,

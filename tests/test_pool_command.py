@@ -76,3 +76,23 @@ def test_the_command_writes_factors_and_the_car_of_all(tmp_path: Path, vehicle_f
     (tmp_path / "work" / "pool.json").write_text("mine", encoding="utf-8")
     assert isinstance(CliRunner().invoke(app, words).exception, InputRefused)
     assert (tmp_path / "work" / "pool.json").read_text(encoding="utf-8") == "mine"
+    refuse_over_an_edited_model(words, tmp_path / "work")
+
+
+def refuse_over_an_edited_model(words: list[str], workspace: Path) -> None:
+    """The saved car is kept where a person edited it or put files beside it, and replaced whole by --force."""
+    model = workspace / "models" / "pooled"
+    (workspace / "pool.json").unlink()
+    written = (model / "model.json").read_text(encoding="utf-8")
+    for file, text in (("model.json", written + " "), ("limits.json", "{}")):
+        (model / file).write_text(text, encoding="utf-8")
+        refused = CliRunner().invoke(app, words).exception
+        assert isinstance(refused, InputRefused)
+        assert Path(refused.source) == model / file
+        assert (model / file).read_text(encoding="utf-8") == text
+        assert not (workspace / "pool.json").exists()
+        assert CliRunner().invoke(app, [*words, "--force"]).exit_code == 0
+        assert [path.name for path in model.iterdir()] == ["model.json"]
+        assert (model / "model.json").read_text(encoding="utf-8") == written
+        (workspace / "pool.json").unlink()
+    assert CliRunner().invoke(app, words).exit_code == 0

@@ -45,8 +45,8 @@ EXAMPLES: dict[str, dict[str, str]] = {
         "bcid fleet logs --dask tcp://desk:8786": "on the workers of a Dask cluster, which see the same files",
     },
     "pool": {
-        "bcid pool": "one car in all takes of the pipeline.toml of this folder, and its load in each",
-        "bcid pool day1.csv day2.csv day3.csv --own mass --own motor": "load and battery of three drives",
+        "bcid pool": "one car, and its loads, in the training and validation takes of the pipeline.toml here",
+        "bcid pool day1.csv day2.csv day3.csv --own mass --own motor": "load and battery of three drives, by that file",
     },
     "plan": {
         "bcid plan --vehicle vehicle.toml": "a drive in which all effects would show",

@@ -83,7 +83,7 @@ def fleet(
     models = tuple(dict.fromkeys(model or [USUAL_MODEL]))
     for name in models:
         fittable_row(name)
-    sink, listed = Sink(format), find_logs(logs)
+    sink, listed = Sink(format), find_logs(logs, labels)
     if listed.passed_over:
         sink.note(f"no recordings, passed over: {_list_names(listed.passed_over)}")
     config = options.read_config(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from bcid.documents.pool import PoolDocument
 
-RESULTS = ("pool.json", "pooled")
+RESULT, MODEL = "pool.json", "pooled"
 
 
 def pool(
@@ -46,6 +46,8 @@ def pool(
     from bcid.estimate.saving import load_estimate
     from bcid.fleet.pool_recordings import describe_pool, fit_recording, save_pooled_model
     from bcid.fleet.pooled_car import pool_car
+    from bcid.models.saving import FILES
+    from bcid.pipeline.named_models import MODEL_FILES, MODELS_FOLDER
     from bcid.pipeline.run import Pipeline
     from bcid.recording.saving import load_recording
     from bcid.store.receipt import refuse_to_renew, renew_results
@@ -58,7 +60,8 @@ def pool(
     compared = [paths.index(path) for path in reference or [] if path in paths] or [0]
     if reference and len(compared) < len(set(reference)):
         raise UsageError("--reference names a recording that is not pooled\n  next: name it among the recordings, too")
-    refuse_to_renew(config.workspace, [RESULTS[0]], force)
+    home = config.workspace / MODELS_FOLDER / MODEL
+    refuse_to_renew(config.workspace, [RESULT, *(f"{MODELS_FOLDER}/{MODEL}/{file}" for file in MODEL_FILES)], force)
     work, fitted, problems = Pipeline(config, sink), [], Problems()
     for path in paths:
         # a recording that cannot be used is told, and the others are fitted all the same
@@ -72,11 +75,19 @@ def pool(
     with sink.stage("pool"):
         pooled = pool_car([each.summary for each in fitted], own or ["mass"])
         document = describe_pool(pooled, fitted, compared, work.vehicle)
-    renew_results(config.workspace, {RESULTS[0]: document.write}, force)
-    model = config.workspace / "models" / RESULTS[1]
-    save_pooled_model(pooled, config.estimate.period_s, model)
+    for other in MODEL_FILES:
+        # with --force: what is said there of another model is not true of this one
+        if other != FILES[0]:
+            (home / other).unlink(missing_ok=True)
+    writers = {
+        RESULT: document.write,
+        f"{MODELS_FOLDER}/{MODEL}/{FILES[0]}": lambda path: save_pooled_model(
+            pooled, config.estimate.period_s, path.parent
+        ),
+    }
+    renew_results(config.workspace, writers, force)
     sink.result(document.as_json(), lambda: _tables(document))
-    sink.note(f"the car of all: {model}\nwritten to: {config.workspace / RESULTS[0]}")
+    sink.note(f"the car of all: {home}\nwritten to: {config.workspace / RESULT}")
     work.raise_if_parts_lost()
 
 

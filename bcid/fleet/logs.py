@@ -23,11 +23,11 @@ class FoundLogs(NamedTuple):
     passed_over: list[Path]
 
 
-def find_logs(paths: Sequence[Path]) -> FoundLogs:
+def find_logs(paths: Sequence[Path], labels: Path | None = None) -> FoundLogs:
     """The recordings that `paths` name: files, ROS 2 bags, and folders, whose recordings are told by their content.
 
-    Of a folder the files and bags that lie directly in it are looked at, in the order of their names.  Commands files
-    and hidden files are left out, and a recording that is named twice counts once.
+    Of a folder the files and bags that lie directly in it are looked at, in the order of their names.  Commands files,
+    hidden files and the table `labels` are left out, and a recording that is named twice counts once.
 
     Raises:
         InputRefused: a folder holds no recording.
@@ -37,7 +37,7 @@ def find_logs(paths: Sequence[Path]) -> FoundLogs:
         if not path.is_dir() or _is_bag(path):
             logs.append(path)
             continue
-        inside = [p for p in sorted(path.iterdir()) if p.name[0] != "." and not p.name.endswith(COMMANDS_SUFFIX)]
+        inside = [p for p in sorted(path.iterdir()) if not _is_left_out(p, labels)]
         recordings = [p for p in inside if _is_bag(p) or (p.is_file() and _is_recording(p))]
         if not recordings:
             raise InputRefused(
@@ -46,6 +46,12 @@ def find_logs(paths: Sequence[Path]) -> FoundLogs:
         logs += recordings
         passed_over += [p for p in inside if p.is_file() and p not in recordings]
     return FoundLogs(list({path.absolute(): path for path in logs}.values()), passed_over)
+
+
+def _is_left_out(path: Path, labels: Path | None) -> bool:
+    """Whether something in a folder of logs is hidden, a commands file, or the table `labels`."""
+    is_labels = labels is not None and path.resolve() == labels.resolve()
+    return path.name[0] == "." or path.name.endswith(COMMANDS_SUFFIX) or is_labels
 
 
 def _is_bag(path: Path) -> bool:
