@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from cars import CAR
 from typer.testing import CliRunner
 
 from bcid.cli.app import app
 from bcid.documents.pool import PoolDocument
+from bcid.effects.constants import Constants
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.run import estimate_motion
+from bcid.evaluation.seen_takes import load_seen_takes
 from bcid.fleet.pool_recordings import fit_recording
-from bcid.fleet.pooled_car import CarSummary, pool_car
+from bcid.fleet.pooled_car import CarSummary, pool_car, summarise_fit
+from bcid.likelihood.hypothesis import Hypothesis
 from bcid.models.saving import load_model
 from bcid.simulation.car import configure_simulation
 from bcid.simulation.drive import simulate_drive
@@ -72,11 +78,26 @@ def test_the_command_writes_factors_and_the_car_of_all(tmp_path: Path, vehicle_f
     car = load_model(tmp_path / "work" / "models" / "pooled").car  # type: ignore[attr-defined]  # a newton-euler model
     assert {c.symbol: c.value for c in found.constants}["C_f"] == pytest.approx(car.C_f)
     assert np.isfinite([c.se for c in found.constants]).all()
+    seen = load_seen_takes(tmp_path / "work" / "models" / "pooled")
+    assert seen is not None
+    assert len(seen) == 2
+    assert isinstance(CliRunner().invoke(app, [*words, "--reference", "typo.csv"]).exception, UsageError)
+    again = tmp_path / "again.csv"
+    for path, copy in ((takes[0], again), (commands_beside(takes[0]), commands_beside(again))):
+        copy.write_bytes(path.read_bytes())
+    twice = CliRunner().invoke(app, [*words[:1], str(again), *words[1:]]).exception
+    assert isinstance(twice, InputRefused)
+    assert "the same drive" in str(twice)
     assert CliRunner().invoke(app, words).exit_code == 0
     (tmp_path / "work" / "pool.json").write_text("mine", encoding="utf-8")
     assert isinstance(CliRunner().invoke(app, words).exception, InputRefused)
     assert (tmp_path / "work" / "pool.json").read_text(encoding="utf-8") == "mine"
     refuse_over_an_edited_model(words, tmp_path / "work")
+
+
+def commands_beside(take: Path) -> Path:
+    """The commands file of a take."""
+    return take.with_name(f"{take.stem}.commands.csv")
 
 
 def refuse_over_an_edited_model(words: list[str], workspace: Path) -> None:
@@ -92,7 +113,20 @@ def refuse_over_an_edited_model(words: list[str], workspace: Path) -> None:
         assert (model / file).read_text(encoding="utf-8") == text
         assert not (workspace / "pool.json").exists()
         assert CliRunner().invoke(app, [*words, "--force"]).exit_code == 0
-        assert [path.name for path in model.iterdir()] == ["model.json"]
+        assert sorted(path.name for path in model.iterdir()) == ["model.json", "takes.json"]
         assert (model / "model.json").read_text(encoding="utf-8") == written
         (workspace / "pool.json").unlink()
     assert CliRunner().invoke(app, words).exit_code == 0
+
+
+def test_a_constant_that_ended_at_a_bound_says_nothing() -> None:
+    """Its slope is not zero there; the others count as they are beside it."""
+    hypothesis = Hypothesis((), CAR, 2.012, Constants())
+    phi, (low, _), n = hypothesis.phi_of(CAR), hypothesis.bounds(), hypothesis.base_size
+    k = hypothesis.log_parameters.index("I_z")
+    phi[k] = low[k]
+    fit: Any = SimpleNamespace(hypothesis=hypothesis, phi=phi, covariance=1e-4 * np.eye(len(phi)), car=lambda: CAR)
+    information = summarise_fit(fit).summary.information
+    assert not information[k].any()
+    assert not information[:, k].any()
+    assert (np.diag(information)[np.arange(n) != k] > 0.0).all()

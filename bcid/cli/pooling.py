@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -44,6 +45,8 @@ def pool(
     """Fit one car to many recordings, and say how its load, motor, grip or drag differ from one to the next."""
     from bcid.cli.sink import Sink
     from bcid.estimate.saving import load_estimate
+    from bcid.evaluation.seen_takes import FILE_NAME as SEEN_TAKES
+    from bcid.evaluation.seen_takes import save_seen_takes
     from bcid.fleet.pool_recordings import describe_pool, fit_recording, save_pooled_model
     from bcid.fleet.pooled_car import pool_car
     from bcid.models.saving import FILES
@@ -57,20 +60,20 @@ def pool(
         pipeline, recordings, vehicle, out, commands, allow_partial, force, ignore_health, sink.note
     )
     paths = list(dict.fromkeys(config.recordings()))
-    compared = [paths.index(path) for path in reference or [] if path in paths] or [0]
-    if reference and len(compared) < len(set(reference)):
-        raise UsageError("--reference names a recording that is not pooled\n  next: name it among the recordings, too")
+    compared = _find_references(reference or [], paths)
     home = config.workspace / MODELS_FOLDER / MODEL
     refuse_to_renew(config.workspace, [RESULT, *(f"{MODELS_FOLDER}/{MODEL}/{file}" for file in MODEL_FILES)], force)
     work, fitted, problems = Pipeline(config, sink), [], Problems()
     for path in paths:
-        # a recording that cannot be used is told, and the others are fitted all the same
+        # all are looked at before the first is fitted: what minutes have fitted is not thrown away for one of them
         with problems.gather_refusals():
             work.refuse_unusable([path])
-            taken, estimated = work.ingest(path), work.estimate(path)
-            with sink.stage(f"fit {work.names[path]}"):
-                found = fit_recording(load_recording(taken.folder), load_estimate(estimated.folder), work.vehicle)
-            fitted.append(found._replace(name=work.names[path]))
+    problems.raise_if_any(paths[0])
+    work.takes.refuse_repeats(paths, (), "recordings", "name each drive once")
+    for path in paths:
+        with problems.gather_refusals(), sink.stage(f"fit {work.names[path]}"):
+            recording, estimate = load_recording(work.ingest(path).folder), load_estimate(work.estimate(path).folder)
+            fitted.append(fit_recording(recording, estimate, work.vehicle)._replace(name=work.names[path]))
     problems.raise_if_any(paths[0])
     with sink.stage("pool"):
         pooled = pool_car([each.summary for each in fitted], own or ["mass"])
@@ -85,10 +88,23 @@ def pool(
             pooled, config.estimate.period_s, path.parent
         ),
     }
+    writers[f"{MODELS_FOLDER}/{MODEL}/{SEEN_TAKES}"] = lambda path: save_seen_takes(
+        [work.takes.steps(recording) for recording in paths], path.parent
+    )
     renew_results(config.workspace, writers, force)
     sink.result(document.as_json(), lambda: _tables(document))
     sink.note(f"the car of all: {home}\nwritten to: {config.workspace / RESULT}")
     work.raise_if_parts_lost()
+
+
+def _find_references(reference: Sequence[Path], paths: Sequence[Path]) -> list[int]:
+    """Indices among `paths` of the recordings that all are compared with; the first where none is named."""
+    known = {path.absolute(): i for i, path in enumerate(paths)}
+    if missing := [path for path in reference if path.absolute() not in known]:
+        raise UsageError(
+            f"--reference names a recording that is not pooled: {missing[0]}\n  next: name it among the recordings, too"
+        )
+    return list(dict.fromkeys(known[path.absolute()] for path in reference)) or [0]
 
 
 def _tables(document: PoolDocument) -> RenderableType:

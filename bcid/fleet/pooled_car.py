@@ -89,6 +89,9 @@ def summarise_fit(fit: Fit) -> CarSummary:
     values = np.where(values > LEAST_INFORMATION * values.max(), values, 0.0)
     units = np.r_[np.ones(n - len(DRAG)), hypothesis.drag_units]
     information = (vectors * values) @ vectors.T / np.outer(units, units)
+    # a constant that ended at a bound is no optimum, and says nothing
+    stuck = hypothesis.is_at_bound(fit.phi)[:n]
+    information[stuck] = information[:, stuck] = 0.0
     summary = Summary(fit.phi[:n] * units, information, np.zeros(n))
     return CarSummary((*hypothesis.log_parameters, *DRAG), summary, fit.car())
 
