@@ -1,11 +1,11 @@
 """How often the logs of a fleet together show which effect it has, since which day and in how many logs.
 
-    python tests/measure_fleet.py ROWS.jsonl [FLEETS] [WORKERS]
+    python tests/measure_fleet.py FOLDER [FLEETS] [WORKERS]
 
-diagnoses twelve logs of 90 s of each fleet, four on each of three days, and writes docs/results/fleet.json when all are
-there; the same command goes on where it was stopped.  A fleet is a small car drawn anew, with its published simulation.
-In the first FLEETS an effect of the vocabulary is in four of the eight logs from the second day on, in as many further
-ones there is none.
+diagnoses twelve logs of 90 s of each fleet, four on each of three days, keeps them in FOLDER/rows.jsonl, and writes
+docs/results/fleet.json when all are there; the same command goes on where it was stopped.  A fleet is a small car drawn
+anew, with its published simulation.  In the first FLEETS an effect of the vocabulary is in four of the eight logs from
+the second day on, in as many further ones there is none.
 """
 
 from __future__ import annotations
@@ -26,10 +26,11 @@ from bcid.execution.jobs import run_jobs
 from bcid.fleet.labels import LogLabel
 from bcid.fleet.together import DiagnosedLog, diagnose_together
 from bcid.proof.blind.diagnose_case import estimate_concealed_drive
+from bcid.proof.blind.run_cases import ROW_MODULES
 from bcid.proof.blind.small_case import SmallCase
 from bcid.proof.blind.small_effects import SMALL_SIZES, draw_small_effect, kinds_of_car
 from bcid.proof.blind.small_files import PUBLISHED
-from bcid.proof.rows import code_digest
+from bcid.proof.rows import append_row, code_digest, read_rows
 from bcid.simulation.room_drivers import DRIVERS
 from bcid.simulation.small_car import draw_small_car
 from bcid.virtual_lab import read_vehicle_text, record_drive
@@ -108,20 +109,22 @@ def judge_fleet(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 def main() -> None:
     """Diagnose what has no row yet, and judge the fleets."""
-    path, fleets = Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 20
+    folder, fleets = Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 20
     workers = int(sys.argv[3]) if len(sys.argv) > 3 else 1
-    code, rows = code_digest(["bcid.diagnosis.summary", "bcid.simulation.room_drive"]), dict[str, dict[str, Any]]()
-    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
-        entry = json.loads(line)
-        rows[entry["key"]] = entry["row"]
-    numbers = [*range(fleets), *range(WITHOUT, WITHOUT + fleets)]
-    keys = {(number, log): f"{number}-{log}-{code}" for number in numbers for log in range(LOGS)}
+    folder.mkdir(parents=True, exist_ok=True)
+    code, numbers = code_digest([*ROW_MODULES, "bcid.diagnosis.summary"]), range(fleets)
+    cases = {
+        (number, log): case
+        for number in (*numbers, *(WITHOUT + number for number in numbers))
+        for log, case in enumerate(draw_fleet(number))
+    }
+    keys, rows = {job: f"{case.digest()}.{code}" for job, case in cases.items()}, read_rows(folder)
     jobs = [job for job, key in keys.items() if key not in rows]
-    for job, row in run_jobs(jobs, lambda job: partial(diagnose_log, draw_fleet(job[0])[job[1]]), workers):
+    for job, row in run_jobs(jobs, lambda job: partial(diagnose_log, cases[job]), workers):
+        append_row(row, keys[job], folder)
         rows[keys[job]] = row
-        with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"key": keys[job], "row": row}) + "\n")
-    judged = [judge_fleet([rows[keys[number, log]] for log in range(LOGS)]) for number in numbers]
+    drawn = [[rows[keys[number, log]] for log in range(LOGS)] for number in dict.fromkeys(n for n, _ in cases)]
+    judged = [judge_fleet(rows_of_fleet) for rows_of_fleet in drawn]
     with_one, without = judged[:fleets], judged[fleets:]
     figures = {
         "fleets": fleets, "code": code,
