@@ -19,6 +19,7 @@ from bcid.adaptation.filter import (
     OUTLIER,
     CompiledFilter,
     FilterNoise,
+    Knowledge,
     assume_noise,
     compile_filter,
     keep_within,
@@ -136,6 +137,21 @@ def test_what_was_learnt_fades_with_its_time_constant(adaptive: Adaptive) -> Non
     assert later == pytest.approx(learnt + faded * (P_0 - learnt), rel=1e-9)
 
 
+def test_a_gap_lets_forget_what_so_long_a_drive_without_poses_does(adaptive: Adaptive) -> None:
+    n, commands = len(adaptive.formulas.states), draw_commands(60.0)
+    z, P = start_filter(adaptive.formulas, NOISE, np.zeros(3), START_TWIST, 0.0)
+    run_filter(adaptive.filter, z, P, commands, drive([adaptive.model], commands))
+    learnt = P[n:, n:].copy()
+    run_filter(adaptive.filter, z, P, commands[:400], np.full((400, 3), np.nan))
+    known = Knowledge(z[n:], learnt, 400 * PERIOD_S)
+    again, P_again = start_filter(adaptive.formulas, NOISE, np.zeros(3), START_TWIST, 0.0, known)
+    assert (again[n:] == z[n:]).all()
+    assert P_again[n:, n:] == pytest.approx(P[n:, n:], rel=1e-9)
+    assert (np.diag(P_again[n:, n:]) > 1.1 * np.diag(learnt)).all()
+    _, P_late = start_filter(adaptive.formulas, NOISE, np.zeros(3), START_TWIST, 0.0, known._replace(gap_s=1e6))
+    assert P_late[n:, n:] == pytest.approx(np.diag([q.sd**2 for q in adaptive.quantities]))
+
+
 def test_covariances_stay_symmetric_and_positive(adaptive: Adaptive) -> None:
     commands = draw_commands(60.0)
     z, P = start_filter(adaptive.formulas, NOISE, np.zeros(3), START_TWIST, 0.0)
@@ -216,15 +232,17 @@ def test_the_filter_in_c_is_the_same(adaptive: Adaptive, tmp_path: Path) -> None
     memory = (ctypes.c_double * (len(run.z[0]) + len(run.z[0]) ** 2))()
     c.car_adapt_init(memory, numbers([0.0] * 3), numbers(START_TWIST), 0.0)
     assert np.abs(step_in_c(c, memory, commands, poses) - run.z).max() < 1e-9
-    # after a gap what is known of the quantities goes on
+    # after a gap what is known of the quantities goes on, less what is forgotten over it
     n = len(adaptive.formulas.states)
     z, P = start_filter(adaptive.formulas, NOISE, np.zeros(3), START_TWIST, 0.0)
     run_filter(adaptive.filter, z, P, commands, poses)
-    pose, twist = np.array([1.0, 2.0, 0.3]), np.array([0.8, 0.0, 0.1])
-    z, P = start_filter(adaptive.formulas, NOISE, pose, twist, 0.2, (z[n:], P[n:, n:]))
-    again = run_filter(adaptive.filter, z, P, commands[:200], poses[:200])
-    c.car_adapt_restart(memory, numbers(pose), numbers(twist), 0.2)
-    assert np.abs(step_in_c(c, memory, commands[:200], poses[:200]) - again.z).max() < 1e-9
+    gap_s, pose, twist, rows = 20.0, poses[399], np.array([0.8, 0.0, 0.1]), slice(400, 600)
+    z, P = start_filter(adaptive.formulas, NOISE, pose, twist, 0.2, Knowledge(z[n:], P[n:, n:], gap_s))
+    kept = P.copy()
+    again = run_filter(adaptive.filter, z, P, commands[rows], poses[rows])
+    c.car_adapt_restart(memory, numbers(pose), numbers(twist), 0.2, gap_s)
+    assert np.abs(np.array(memory[len(z) :]).reshape(kept.shape) - kept).max() < 1e-12
+    assert np.abs(step_in_c(c, memory, commands[rows], poses[rows]) - again.z).max() < 1e-9
 
 
 def numbers(row: Sequence[float] | Floats) -> Any:
@@ -236,7 +254,7 @@ def load_c(library: Path) -> Any:
     """The functions of the compiled library."""
     c, pointer = ctypes.CDLL(str(library)), ctypes.POINTER(ctypes.c_double)
     c.car_adapt_init.argtypes = [ctypes.c_void_p, pointer, pointer, ctypes.c_double]
-    c.car_adapt_restart.argtypes = [ctypes.c_void_p, pointer, pointer, ctypes.c_double]
+    c.car_adapt_restart.argtypes = [ctypes.c_void_p, pointer, pointer, ctypes.c_double, ctypes.c_double]
     c.car_adapt_step.argtypes = [ctypes.c_void_p, pointer, pointer]
     return c
 

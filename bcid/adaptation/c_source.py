@@ -39,8 +39,10 @@ typedef struct {{
 /* Begin at a pose, a twist [v_x, v_y (m/s), yaw rate (rad/s)] and a steering angle (rad); the past is not known. */
 void {name}_adapt_init({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta);
 
-/* Begin anew after a gap: the state is lost, what is known of the quantities stays. */
-void {name}_adapt_restart({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta);
+/* Begin anew after a gap of so many seconds (0 or more) since the last step: the state is lost, and what is known of
+ * the quantities stays, less what is forgotten in that time. */
+void {name}_adapt_restart({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta,
+    double gap_s);
 
 /* One period under a command, and the pose measured at its end; NULL, or not a number, where none was. */
 void {name}_adapt_step({name}_adapt_filter *f, const double u[2], const double *pose);
@@ -53,29 +55,10 @@ void {name}_adapt_step({name}_adapt_filter *f, const double u[2], const double *
 """
 
 _LOOPS = """\
-void {name}_adapt_init({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta)
+/* A share of what was learnt of the quantities fades: their variances go back towards those at first. */
+static void forget({name}_adapt_filter *f, double share)
 {{
-    int i;
-    for (i = 0; i < K; ++i) f->z[NX + i] = quantities[i];
-    for (i = 0; i < N * N; ++i) f->P[i / N][i % N] = 0.0;
-    for (i = 0; i < K; ++i) f->P[NX + i][NX + i] = variances[NX + i];
-    {name}_adapt_restart(f, pose, twist, delta);
-}}
-
-void {name}_adapt_restart({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta)
-{{
-    int i, j;
-    first_states(pose, twist, delta, f->z + NX, f->z);
-    for (i = 0; i < NX; ++i) {{
-        for (j = 0; j < N; ++j) f->P[i][j] = f->P[j][i] = 0.0;
-        f->P[i][i] = variances[i];
-    }}
-}}
-
-/* What was learnt of the quantities fades: their variances go back to those at first. */
-static void forget({name}_adapt_filter *f)
-{{
-    const double kept = sqrt(1.0 - FORGOTTEN);
+    const double kept = sqrt(1.0 - share);
     int i, j;
     for (i = NX; i < N; ++i) {{
         for (j = 0; j < N; ++j) {{
@@ -83,7 +66,28 @@ static void forget({name}_adapt_filter *f)
             f->P[j][i] *= kept;
         }}
     }}
-    for (i = NX; i < N; ++i) f->P[i][i] += FORGOTTEN * variances[i];
+    for (i = NX; i < N; ++i) f->P[i][i] += share * variances[i];
+}}
+
+void {name}_adapt_init({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta)
+{{
+    int i;
+    for (i = 0; i < K; ++i) f->z[NX + i] = quantities[i];
+    for (i = 0; i < N * N; ++i) f->P[i / N][i % N] = 0.0;
+    for (i = 0; i < K; ++i) f->P[NX + i][NX + i] = variances[NX + i];
+    {name}_adapt_restart(f, pose, twist, delta, 0.0);
+}}
+
+void {name}_adapt_restart({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta,
+    double gap_s)
+{{
+    int i, j;
+    forget(f, -expm1(-gap_s / FORGET_S));
+    first_states(pose, twist, delta, f->z + NX, f->z);
+    for (i = 0; i < NX; ++i) {{
+        for (j = 0; j < N; ++j) f->P[i][j] = f->P[j][i] = 0.0;
+        f->P[i][i] = variances[i];
+    }}
 }}
 
 /* P = F P F' + Q, below F the rows of the unit matrix. */
@@ -153,7 +157,7 @@ void {name}_adapt_step({name}_adapt_filter *f, const double u[2], const double *
     double x[NX], F[NX][N];
     int i;
     advance(f->z, u, x, F);
-    forget(f);
+    forget(f, FORGOTTEN);
     predict_covariance(f->P, F);
     for (i = 0; i < NX; ++i) f->z[i] = x[i];
     if (pose != NULL && pose[0] == pose[0] && pose[1] == pose[1] && pose[2] == pose[2]) update(f, pose);
@@ -188,7 +192,8 @@ def write_adapt_source(name: str, about: str, formulas: AdaptiveFormulas, f: Com
     parameters = {key: value for program in programs for key, value in program.parameters.items()}
     blocks = [
         f'/* {about} */\n\n#include "{name}_adapt.h"\n\n#include <math.h>\n#include <stddef.h>\n',
-        f"#define NX {n}\n#define K {k}\n#define N {n + k}\n#define FORGOTTEN {f.forgotten!r}\n"
+        f"#define NX {n}\n#define K {k}\n#define N {n + k}\n"
+        f"#define FORGET_S {noise.forget_s!r}\n#define FORGOTTEN {f.forgotten!r}\n"
         f"#define OUTLIER {OUTLIER!r}\n#define BOUND_ROUNDS {BOUND_ROUNDS}\n#define PI 3.141592653589793\n",
         "".join(f"static const double {key} = {C.number(value)};\n" for key, value in parameters.items()),
         _table("quantities", [q.start for q in formulas.quantities]),

@@ -9,11 +9,14 @@ their variance at first,
 
     P_qq <- (1 - a) P_qq + a P_0,   P_xq <- (1 - a)^1/2 P_xq,
 
-so that the variance of one that a drive does not show returns to P_0 and never grows beyond it.  At a pose y the three
-numbers enter one after the other: e = y - h(z), s = H P H' + r^2, K = P H'/s, z + K e, P - K s K'.  An innovation of
-more than `OUTLIER` standard deviations counts as one of so many: s is then e^2 / OUTLIER^2, and a wrong pose moves the
-state by a bounded amount.  A quantity that leaves its bounds is set to the bound, and all others go with it by their
-covariance (Simon 2010, Kalman filtering with state constraints, IET Control Theory & Applications 4, section 2.4).
+so that the variance of one that a drive does not show returns to P_0 and never grows beyond it.  Over a gap without
+poses, after which the state x begins anew, they forget by the same rule, with the gap's length in place of T.
+
+At a pose y the three numbers enter one after the other: e = y - h(z), s = H P H' + r^2, K = P H'/s, z + K e,
+P - K s K'.  An innovation of more than `OUTLIER` standard deviations counts as one of so many: s is then
+e^2 / OUTLIER^2, and a wrong pose moves the state by a bounded amount.  A quantity that leaves its bounds is set to the
+bound, and all others go with it by their covariance (Simon 2010, Kalman filtering with state constraints, IET Control
+Theory & Applications 4, section 2.4).
 """
 
 from __future__ import annotations
@@ -45,6 +48,14 @@ class FilterNoise(NamedTuple):
     twist_sd: Floats  # (3,) of the first twist, m/s, m/s, rad/s
     steering_sd: float  # of the first steering angle, rad
     forget_s: float  # tau
+
+
+class Knowledge(NamedTuple):
+    """What is known of k quantities from the stretch of a drive before."""
+
+    values: Floats  # (k,)
+    covariance: Floats  # (k, k)
+    gap_s: float  # from the end of that stretch to the beginning of the next
 
 
 class CompiledFilter(NamedTuple):
@@ -90,7 +101,12 @@ def assume_noise(f: CompiledFilter, formulas: AdaptiveFormulas, noise: FilterNoi
     T = formulas.period_s
     pushes = dict(zip(PUSHED, T * noise.q**2, strict=True))
     Q = np.array([pushes.get(name, 0.0) for name in _names(formulas)])
-    return f._replace(Q=Q, r2=noise.pose_sd**2, forgotten=1.0 - math.exp(-T / noise.forget_s))
+    return f._replace(Q=Q, r2=noise.pose_sd**2, forgotten=share_forgotten(T, noise))
+
+
+def share_forgotten(seconds: float, noise: FilterNoise) -> float:
+    """The share a of what was learnt of the quantities that is forgotten in some `seconds`."""
+    return -math.expm1(-seconds / noise.forget_s)
 
 
 def _names(formulas: AdaptiveFormulas) -> list[str]:
@@ -100,21 +116,23 @@ def _names(formulas: AdaptiveFormulas) -> list[str]:
 
 def start_filter(
     formulas: AdaptiveFormulas, noise: FilterNoise, pose: Floats, twist: Floats, delta: float,
-    known: tuple[Floats, Floats] | None = None,
+    known: Knowledge | None = None,
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """State z (N,) and covariance P (N, N) at a pose (3,), a twist (3,) and a steering angle `delta` (rad).
 
-    Of the past nothing is known: the car coasts, its wheel held.  Where something is `known` of the quantities, their
-    values (k,) and covariance (k, k), they go on from there.
+    Of the past nothing is known: the car coasts, its wheel held.  Where something is `known` of the quantities from
+    before a gap, they go on from there, less what is forgotten over the gap.
     """
     names = [s.name for s in formulas.states]
     inputs = [*(s.name for s in START), *(q.name for q in formulas.quantities)]
     tape, x = record_tape(formulas.first_states, inputs), np.empty(len(names))
-    values = np.array([q.start for q in formulas.quantities]) if known is None else known[0]
+    values = np.array([q.start for q in formulas.quantities]) if known is None else known.values
     run_tape(tape, np.array([*pose, *twist, delta, *values]), tape.start.copy(), x)
     P = np.diag(first_variances(formulas, noise))
     if known is not None:
-        P[len(x) :, len(x) :] = known[1]
+        P_0 = np.diag(P)[len(x) :].copy()
+        P[len(x) :, len(x) :] = known.covariance
+        forget(P, P_0, share_forgotten(known.gap_s, noise))
     return np.r_[x, values], P
 
 
@@ -153,7 +171,7 @@ def run_filter(f: CompiledFilter, z: Floats, P: Floats, commands: Floats, poses:
         run_tape(f.step, inputs, step_places, x)
         for i in range(len(f.F_places)):
             F[f.F_places[i, 0], f.F_places[i, 1]] = x[n + i]
-        forget(f, P, n)
+        forget(P, f.P_0, f.forgotten)
         predict_covariance(F, P, FP, f.Q)
         z[:n] = x[:n]
         if not math.isnan(poses[k, 0] + poses[k, 1] + poses[k, 2]):
@@ -164,15 +182,15 @@ def run_filter(f: CompiledFilter, z: Floats, P: Floats, commands: Floats, poses:
 
 
 @njit
-def forget(f: CompiledFilter, P: Floats, n: int) -> None:
-    """Let the quantities, from place `n` on, forget a part of what was learnt of them."""
-    kept = math.sqrt(1.0 - f.forgotten)
+def forget(P: Floats, P_0: Floats, share: float) -> None:
+    """Let the k quantities, the last of z, forget a `share` of what was learnt; at first their variances were `P_0`."""
+    n, kept = len(P) - len(P_0), math.sqrt(1.0 - share)
     for i in range(n, len(P)):
         for j in range(len(P)):
             P[i, j] *= kept
             P[j, i] *= kept
     for i in range(n, len(P)):
-        P[i, i] += f.forgotten * f.P_0[i - n]
+        P[i, i] += share * P_0[i - n]
 
 
 @njit
