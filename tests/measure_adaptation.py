@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from bcid.adaptation.adapt import Adaptation, adapt, as_adaptable
-from bcid.adaptation.filter import run_filter, start_filter
+from bcid.adaptation.filter import start_filter
+from bcid.adaptation.filter_run import run_filter
 from bcid.adaptation.recovery import errors_over_time
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate

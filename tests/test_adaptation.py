@@ -16,16 +16,14 @@ from exported_models import CAR
 
 from bcid.adaptation.c_source import write_adapt_header, write_adapt_source
 from bcid.adaptation.filter import (
-    OUTLIER,
     CompiledFilter,
     FilterNoise,
     Knowledge,
     assume_noise,
     compile_filter,
-    keep_within,
-    run_filter,
     start_filter,
 )
+from bcid.adaptation.filter_run import OUTLIER, keep_within, run_filter
 from bcid.adaptation.formulas import AdaptiveFormulas, trace_adaptive
 from bcid.adaptation.quantities import AdaptedQuantity, choose_quantities, with_quantities
 from bcid.aliases import Floats
@@ -127,6 +125,28 @@ def test_a_filter_that_is_not_told_poses_learns_nothing(adaptive: Adaptive) -> N
     assert run.variance[-1, column] == pytest.approx(adaptive.quantities[0].sd ** 2)
 
 
+def test_a_car_that_stands_teaches_nothing(adaptive: Adaptive) -> None:
+    # ten minutes, by the end of which the mass was at its lower bound
+    noise, count = np.random.default_rng(1), round(600.0 / PERIOD_S)
+    poses = noise.normal(size=(count, 3)) * NOISE.pose_sd
+    z, P = start_filter(adaptive.formulas, NOISE, np.zeros(3), np.zeros(3), 0.0)
+    run = run_filter(adaptive.filter, z, P, np.zeros((count, 2)), poses)
+    for quantity in adaptive.quantities:
+        column = adaptive.column(quantity.name)
+        assert (run.z[:, column] == quantity.start).all()
+        assert run.variance[:, column] == pytest.approx(quantity.sd**2)
+    assert np.abs(run.z[-1, :3]).max() < 3.0 * NOISE.pose_sd.max()
+    assert np.linalg.eigvalsh(P).min() > -1e-12
+    # and what was learnt before stays, but for what is forgotten
+    commands = draw_commands(60.0)
+    driven = drive([adaptive.model], commands)
+    driven[600:], commands[600:] = driven[600] + poses[:600], 0.0
+    run, column = adaptive.run(commands, driven), adaptive.column("mass")
+    assert run.z[-1, column] == run.z[700, column]
+    assert run.z[-1, column] != 1.0
+    assert run.variance[-1, column] > run.variance[700, column]
+
+
 def test_what_was_learnt_fades_with_its_time_constant(adaptive: Adaptive) -> None:
     commands = draw_commands(60.0)
     poses = drive([adaptive.model], commands)
@@ -225,6 +245,8 @@ def test_the_filter_in_c_is_the_same(adaptive: Adaptive, tmp_path: Path) -> None
     strict = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic", "-shared", "-fPIC"]
     subprocess.run([str(GCC), *strict, "car_adapt.c", "-o", "car.so", "-lm"], cwd=tmp_path, check=True)
     commands = draw_commands(40.0)
+    # five seconds in which the car comes to a stand
+    commands[100:200] = 0.0
     poses = drive([adaptive.model], commands)
     poses[300:320], poses[500, 1] = np.nan, 9.0
     run = adaptive.run(commands, poses)

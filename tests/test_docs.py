@@ -320,6 +320,7 @@ def test_the_docs_of_adapting_and_pooling_are_what_was_measured() -> None:
     assert said.format(*shares).replace("%", " %") in text
     first = alone["first_right_s"]
     assert f"first after {first['median']:.1f} s (median; {first['largest']:.1f} s at most)" in text
+    assert f"from second {alone['right_to_the_end_from_s']['median']:.0f} on in the median drive" in text
     assert f"{both['slowest_real_time_factor']:,.0f} times as fast" in text
     pooled = json.loads((DOCS / "results" / "pooling.json").read_text(encoding="utf-8"))["figures"]
     text = (DOCS / "pooling.md").read_text(encoding="utf-8")

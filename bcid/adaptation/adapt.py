@@ -20,9 +20,9 @@ from bcid.adaptation.filter import (
     Knowledge,
     assume_noise,
     compile_filter,
-    run_filter,
     start_filter,
 )
+from bcid.adaptation.filter_run import run_filter
 from bcid.adaptation.formulas import AdaptiveFormulas, trace_adaptive
 from bcid.adaptation.quantities import AdaptedQuantity, choose_quantities, with_quantities
 from bcid.adaptation.settings import FORGET_S
@@ -33,7 +33,6 @@ from bcid.likelihood.prepare import effect_constants
 from bcid.models.interface import Model
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.model import NewtonEuler
-from bcid.recording.limits import HEALTH
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
@@ -144,10 +143,9 @@ def adapt(
         raise InputRefused(recording.name, "poses", "have no stretch without gaps", "record longer ones")
     compiled = compile_filter(formulas)
     if noise is None:
-        least_mps = HEALTH.min_moving_speed * (model.car.l_f + model.car.l_r)
-        motion = drive.first_motion(least_mps, TUNING_S)
+        motion = drive.first_motion(compiled.least_mps, TUNING_S)
         if not motion.stretches():
-            cause = f"show no car that moves faster than {least_mps:.2g} m/s"
+            cause = f"show no car that moves faster than {compiled.least_mps:.2g} m/s"
             raise InputRefused(recording.name, "poses", cause, "record a drive")
         noise = tune_noise(compiled, formulas, motion, forget_s)
     compiled = assume_noise(compiled, formulas, noise)

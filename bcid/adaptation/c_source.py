@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bcid.adaptation.filter import BOUND_ROUNDS, OUTLIER, CompiledFilter, FilterNoise, first_variances
+from bcid.adaptation.filter import CompiledFilter, FilterNoise, first_variances
+from bcid.adaptation.filter_run import BOUND_ROUNDS, OUTLIER
 from bcid.adaptation.formulas import AdaptiveFormulas
 from bcid.aliases import Floats, Ints
 from bcid.export.c_source import HELPERS, C, describe_all, element_texts, places_in, write_function
@@ -128,10 +129,18 @@ static void keep_within({name}_adapt_filter *f)
     for (i = NX; i < N; ++i) f->z[i] = fmin(fmax(f->z[i], lowest[i - NX]), largest_of[i - NX]);
 }}
 
+/* Whether the car moves: while it stands nothing is learnt of the quantities. */
+static int moves(const double z[N])
+{{
+    const double turning = WHEELBASE_M * z[YAW_RATE];
+    return z[V_X] * z[V_X] + z[V_Y] * z[V_Y] + turning * turning > LEAST_MPS * LEAST_MPS;
+}}
+
 /* A measured pose enters, one number after the other; a wrong one moves the state by a bounded amount. */
 static void update({name}_adapt_filter *f, const double pose[3])
 {{
     double h[3], H[3][N], PH[N];
+    const int learns = moves(f->z);
     int c, i, j;
     for (c = 0; c < 3; ++c) {{
         double e, s = pose_variances[c];
@@ -145,8 +154,10 @@ static void update({name}_adapt_filter *f, const double pose[3])
         for (i = 0; i < N; ++i) s += H[c][i] * PH[i];
         s = fmax(s, e * e / (OUTLIER * OUTLIER));
         for (i = 0; i < N; ++i) {{
-            f->z[i] += PH[i] * e / s;
-            for (j = 0; j < N; ++j) f->P[i][j] -= PH[i] * PH[j] / s;
+            if (i < NX || learns) f->z[i] += PH[i] * e / s;
+            for (j = 0; j < N; ++j) {{
+                if (i < NX || j < NX || learns) f->P[i][j] -= PH[i] * PH[j] / s;
+            }}
         }}
     }}
     keep_within(f);
@@ -194,6 +205,8 @@ def write_adapt_source(name: str, about: str, formulas: AdaptiveFormulas, f: Com
         f'/* {about} */\n\n#include "{name}_adapt.h"\n\n#include <math.h>\n#include <stddef.h>\n',
         f"#define NX {n}\n#define K {k}\n#define N {n + k}\n"
         f"#define FORGET_S {noise.forget_s!r}\n#define FORGOTTEN {f.forgotten!r}\n"
+        + "".join(f"#define {name} {place}\n" for name, place in zip(("V_X", "V_Y", "YAW_RATE"), f.twist, strict=True))
+        + f"#define WHEELBASE_M {f.wheelbase_m!r}\n#define LEAST_MPS {f.least_mps!r}\n"
         f"#define OUTLIER {OUTLIER!r}\n#define BOUND_ROUNDS {BOUND_ROUNDS}\n#define PI 3.141592653589793\n",
         "".join(f"static const double {key} = {C.number(value)};\n" for key, value in parameters.items()),
         _table("quantities", [q.start for q in formulas.quantities]),
