@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import subprocess
 from dataclasses import replace
@@ -9,11 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cars import CAR as SIMULATED_CAR
 from click.testing import Result
 from exported_models import CAR, k_sindy
 from typer.testing import CliRunner
 
-from bcid.adaptation.adapt import adapt, as_adaptable, poses_at_rows
+from bcid.adaptation.adapt import Adaptation, MeasuredDrive, adapt, as_adaptable, filter_drive, poses_at_rows
+from bcid.adaptation.settings import FORGET_S
 from bcid.cli.app import app
 from bcid.documents.adapt import AdaptDocument
 from bcid.errors import InputRefused, UsageError
@@ -22,7 +25,7 @@ from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.saving import save_model
 from bcid.recording.types import Stream
 from bcid.simulation.car import configure_simulation
-from bcid.simulation.drive import simulate_drive
+from bcid.simulation.drive import COMMAND_HZ, simulate_drive
 from bcid.simulation.samples import SampleTake, write_sample_take
 from bcid.virtual_lab import TUNING, record_drive, simulated_vehicle
 
@@ -76,7 +79,7 @@ def test_what_is_no_car_is_refused(folder: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "out" / "adapt.json").exists()
 
 
-def test_what_is_known_goes_on_over_a_gap() -> None:
+def test_what_is_known_goes_on_over_a_gap_and_fades() -> None:
     vehicle = simulated_vehicle()
     plant, sensor = configure_simulation(True, [], 60.0)
     recording = record_drive(simulate_drive(plant, sensor, 60.0, 4), 60.0, vehicle)
@@ -90,6 +93,58 @@ def test_what_is_known_goes_on_over_a_gap() -> None:
     second = estimate.segments()[1].start
     assert found.track.values[second, 0] == found.track.values[second - 1, 0]
     assert found.track.values[second, 0] != 1.0
-    assert found.track.sd[second, 0] < found.quantities[0].sd
+    # by exp(-gap/tau), on the way from what it was to what it was at first
+    faded = 1.0 - math.exp(-(estimate.time_s[second] - estimate.time_s[second - 1]) / FORGET_S)
+    variance, P_0 = found.track.sd[:, 0] ** 2, found.quantities[0].sd ** 2
+    assert variance[second] == pytest.approx(variance[second - 1] + faded * (P_0 - variance[second - 1]), rel=1e-9)
+    assert variance[second - 1] < variance[second] < P_0
+    later = replace(estimate, time_s=estimate.time_s + np.where(np.arange(len(estimate)) >= second, 600.0, 0.0))
+    much_later = filter_drive(found.filter, found.formulas, MeasuredDrive(later, found.drive.poses), found.noise)
+    assert 0.98 * P_0 < much_later.sd[second, 0] ** 2 < P_0
+    assert much_later.sd[-1, 0] < 0.7 * much_later.sd[second, 0]
     with pytest.raises(UsageError, match="no constants of a car"):
         as_adaptable(k_sindy(), vehicle, estimate)
+
+
+def adapt_after_standing(seconds: float) -> Adaptation:
+    """The mass followed over a minute of driving that begins after some `seconds` in which the car stands."""
+    vehicle = simulated_vehicle()
+    plant, sensor = configure_simulation(False, [], 60.0)
+    driven = simulate_drive(plant, sensor, 60.0, 4).command
+    commands = np.vstack([np.zeros((round(COMMAND_HZ * seconds), 2)), driven])
+    drive = simulate_drive(plant, sensor, 60.0 + seconds, 4, given_commands=commands)
+    recording = record_drive(drive, 60.0, vehicle)
+    estimate = estimate_motion(recording, vehicle, TUNING, PERIOD_S)
+    return adapt(
+        as_adaptable(NewtonEuler(SIMULATED_CAR, PERIOD_S, {}), vehicle, estimate), ["mass"], recording, estimate
+    )
+
+
+def test_a_car_that_stands_first_is_followed_as_one_that_drives_at_once() -> None:
+    at_once, later = adapt_after_standing(0.0), adapt_after_standing(60.0)
+    assert later.noise.twist_sd == pytest.approx(at_once.noise.twist_sd, rel=0.1)
+    assert later.noise.q == pytest.approx(at_once.noise.q, rel=0.25)
+    assert later.track.sd[-1, 0] == pytest.approx(at_once.track.sd[-1, 0], rel=0.1)
+    assert later.track.values[-1, 0] == pytest.approx(at_once.track.values[-1, 0], abs=0.05)
+
+
+def test_a_car_that_never_moves_is_refused() -> None:
+    vehicle = simulated_vehicle()
+    plant, sensor = configure_simulation(True, [], 60.0)
+    drive = simulate_drive(plant, sensor, 20.0, 1, given_commands=np.zeros((20 * COMMAND_HZ, 2)))
+    recording = record_drive(drive, 60.0, vehicle)
+    estimate = estimate_motion(recording, vehicle, TUNING, PERIOD_S)
+    model = as_adaptable(NewtonEuler(SIMULATED_CAR, PERIOD_S, {}), vehicle, estimate)
+    with pytest.raises(InputRefused, match="show no car that moves"):
+        adapt(model, ["mass"], recording, estimate)
+
+
+def test_a_drive_s_first_motion_leaves_out_where_the_car_stands() -> None:
+    drive = adapt_after_standing(3.0).drive
+    v_f = np.full(len(drive.estimate), 0.5)
+    v_f[:40] = v_f[60:65] = 0.0
+    kinematic = np.column_stack([v_f, drive.estimate.kinematic[:, 1:]])
+    motion = drive._replace(estimate=replace(drive.estimate, kinematic=kinematic)).first_motion(0.1, 60 * PERIOD_S)
+    assert [(s.start, s.stop) for s in motion.stretches()] == [(0, 20), (25, 65)]
+    assert (motion.estimate.time_s == drive.estimate.time_s[40:105]).all()
+    assert (motion.poses == drive.poses[40:105]).all()

@@ -16,15 +16,14 @@ from exported_models import CAR
 
 from bcid.adaptation.c_source import write_adapt_header, write_adapt_source
 from bcid.adaptation.filter import (
-    OUTLIER,
     CompiledFilter,
     FilterNoise,
+    Knowledge,
     assume_noise,
     compile_filter,
-    keep_within,
-    run_filter,
     start_filter,
 )
+from bcid.adaptation.filter_run import OUTLIER, keep_within, run_filter
 from bcid.adaptation.formulas import AdaptiveFormulas, trace_adaptive
 from bcid.adaptation.quantities import AdaptedQuantity, choose_quantities, with_quantities
 from bcid.aliases import Floats
@@ -126,6 +125,28 @@ def test_a_filter_that_is_not_told_poses_learns_nothing(adaptive: Adaptive) -> N
     assert run.variance[-1, column] == pytest.approx(adaptive.quantities[0].sd ** 2)
 
 
+def test_a_car_that_stands_teaches_nothing(adaptive: Adaptive) -> None:
+    # ten minutes, by the end of which the mass was at its lower bound
+    noise, count = np.random.default_rng(1), round(600.0 / PERIOD_S)
+    poses = noise.normal(size=(count, 3)) * NOISE.pose_sd
+    z, P = start_filter(adaptive.formulas, NOISE, np.zeros(3), np.zeros(3), 0.0)
+    run = run_filter(adaptive.filter, z, P, np.zeros((count, 2)), poses)
+    for quantity in adaptive.quantities:
+        column = adaptive.column(quantity.name)
+        assert (run.z[:, column] == quantity.start).all()
+        assert run.variance[:, column] == pytest.approx(quantity.sd**2)
+    assert np.abs(run.z[-1, :3]).max() < 3.0 * NOISE.pose_sd.max()
+    assert np.linalg.eigvalsh(P).min() > -1e-12
+    # and what was learnt before stays, but for what is forgotten
+    commands = draw_commands(60.0)
+    driven = drive([adaptive.model], commands)
+    driven[600:], commands[600:] = driven[600] + poses[:600], 0.0
+    run, column = adaptive.run(commands, driven), adaptive.column("mass")
+    assert run.z[-1, column] == run.z[700, column]
+    assert run.z[-1, column] != 1.0
+    assert run.variance[-1, column] > run.variance[700, column]
+
+
 def test_what_was_learnt_fades_with_its_time_constant(adaptive: Adaptive) -> None:
     commands = draw_commands(60.0)
     poses = drive([adaptive.model], commands)
@@ -134,6 +155,21 @@ def test_what_was_learnt_fades_with_its_time_constant(adaptive: Adaptive) -> Non
     learnt, later, P_0 = variance[599], variance[-1], adaptive.quantities[0].sd ** 2
     faded = 1.0 - math.exp(-600 * PERIOD_S / NOISE.forget_s)
     assert later == pytest.approx(learnt + faded * (P_0 - learnt), rel=1e-9)
+
+
+def test_a_gap_lets_forget_what_so_long_a_drive_without_poses_does(adaptive: Adaptive) -> None:
+    n, commands = len(adaptive.formulas.states), draw_commands(60.0)
+    z, P = start_filter(adaptive.formulas, NOISE, np.zeros(3), START_TWIST, 0.0)
+    run_filter(adaptive.filter, z, P, commands, drive([adaptive.model], commands))
+    learnt = P[n:, n:].copy()
+    run_filter(adaptive.filter, z, P, commands[:400], np.full((400, 3), np.nan))
+    known = Knowledge(z[n:], learnt, 400 * PERIOD_S)
+    again, P_again = start_filter(adaptive.formulas, NOISE, np.zeros(3), START_TWIST, 0.0, known)
+    assert (again[n:] == z[n:]).all()
+    assert P_again[n:, n:] == pytest.approx(P[n:, n:], rel=1e-9)
+    assert (np.diag(P_again[n:, n:]) > 1.1 * np.diag(learnt)).all()
+    _, P_late = start_filter(adaptive.formulas, NOISE, np.zeros(3), START_TWIST, 0.0, known._replace(gap_s=1e6))
+    assert P_late[n:, n:] == pytest.approx(np.diag([q.sd**2 for q in adaptive.quantities]))
 
 
 def test_covariances_stay_symmetric_and_positive(adaptive: Adaptive) -> None:
@@ -209,6 +245,8 @@ def test_the_filter_in_c_is_the_same(adaptive: Adaptive, tmp_path: Path) -> None
     strict = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic", "-shared", "-fPIC"]
     subprocess.run([str(GCC), *strict, "car_adapt.c", "-o", "car.so", "-lm"], cwd=tmp_path, check=True)
     commands = draw_commands(40.0)
+    # five seconds in which the car comes to a stand
+    commands[100:200] = 0.0
     poses = drive([adaptive.model], commands)
     poses[300:320], poses[500, 1] = np.nan, 9.0
     run = adaptive.run(commands, poses)
@@ -216,15 +254,17 @@ def test_the_filter_in_c_is_the_same(adaptive: Adaptive, tmp_path: Path) -> None
     memory = (ctypes.c_double * (len(run.z[0]) + len(run.z[0]) ** 2))()
     c.car_adapt_init(memory, numbers([0.0] * 3), numbers(START_TWIST), 0.0)
     assert np.abs(step_in_c(c, memory, commands, poses) - run.z).max() < 1e-9
-    # after a gap what is known of the quantities goes on
+    # after a gap what is known of the quantities goes on, less what is forgotten over it
     n = len(adaptive.formulas.states)
     z, P = start_filter(adaptive.formulas, NOISE, np.zeros(3), START_TWIST, 0.0)
     run_filter(adaptive.filter, z, P, commands, poses)
-    pose, twist = np.array([1.0, 2.0, 0.3]), np.array([0.8, 0.0, 0.1])
-    z, P = start_filter(adaptive.formulas, NOISE, pose, twist, 0.2, (z[n:], P[n:, n:]))
-    again = run_filter(adaptive.filter, z, P, commands[:200], poses[:200])
-    c.car_adapt_restart(memory, numbers(pose), numbers(twist), 0.2)
-    assert np.abs(step_in_c(c, memory, commands[:200], poses[:200]) - again.z).max() < 1e-9
+    gap_s, pose, twist, rows = 20.0, poses[399], np.array([0.8, 0.0, 0.1]), slice(400, 600)
+    z, P = start_filter(adaptive.formulas, NOISE, pose, twist, 0.2, Knowledge(z[n:], P[n:, n:], gap_s))
+    kept = P.copy()
+    again = run_filter(adaptive.filter, z, P, commands[rows], poses[rows])
+    c.car_adapt_restart(memory, numbers(pose), numbers(twist), 0.2, gap_s)
+    assert np.abs(np.array(memory[len(z) :]).reshape(kept.shape) - kept).max() < 1e-12
+    assert np.abs(step_in_c(c, memory, commands[rows], poses[rows]) - again.z).max() < 1e-9
 
 
 def numbers(row: Sequence[float] | Floats) -> Any:
@@ -236,7 +276,7 @@ def load_c(library: Path) -> Any:
     """The functions of the compiled library."""
     c, pointer = ctypes.CDLL(str(library)), ctypes.POINTER(ctypes.c_double)
     c.car_adapt_init.argtypes = [ctypes.c_void_p, pointer, pointer, ctypes.c_double]
-    c.car_adapt_restart.argtypes = [ctypes.c_void_p, pointer, pointer, ctypes.c_double]
+    c.car_adapt_restart.argtypes = [ctypes.c_void_p, pointer, pointer, ctypes.c_double, ctypes.c_double]
     c.car_adapt_step.argtypes = [ctypes.c_void_p, pointer, pointer]
     return c
 

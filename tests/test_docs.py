@@ -303,11 +303,25 @@ def test_the_readme_s_trust_is_what_was_counted() -> None:
 def test_the_docs_of_adapting_and_pooling_are_what_was_measured() -> None:
     figures = json.loads((DOCS / "results" / "adaptation.json").read_text(encoding="utf-8"))["figures"]
     text = (DOCS / "adaptation.md").read_text(encoding="utf-8")
-    for errors in (figures["frozen_m"], figures["refitted_m"], figures["mass"]["errors_m"]):
+    alone, both = figures["mass"], figures["mass+F_r_max"]
+    for errors in (figures["frozen_m"], alone["errors_m"], both["errors_m"]):
         assert " | ".join(f"{100 * x:.1f}" for x in errors) in text
-    both = figures["mass+F_r_max"]
-    assert " | ".join(f"{100 * x:.1f}" for x in both["errors_m"]) in text
-    assert f"is {both['times_the_former'][3]:.2f} times what it was" in text
+    assert f"| – | {100 * figures['refitted_m']:.1f} |" in text
+    assert f"in {figures['swaps']} drives" in text
+    assert (alone["reaches_the_goal"], both["reaches_the_goal"]) == (False, True)
+    for said, (a, b, c) in (
+        ("{:.2f} times after 10 – 20 s, {:.2f} and {:.2f} later", alone["times_the_former"][3:]),
+        ("it is reached: {:.2f},\nthen {:.2f} and {:.2f}", both["times_the_former"][3:]),
+    ):
+        assert said.format(a, b, c) in text
+    right, right_both = (f["share_of_moments_with_right_mass"] for f in (alone, both))
+    said = "in {:.1%} of the moments of the median drive ({:.1%} in the worst); with `F_r_max` in {:.1%} ({:.1%})"
+    shares = (right["median"], right["least"], right_both["median"], right_both["least"])
+    assert said.format(*shares).replace("%", " %") in text
+    first = alone["first_right_s"]
+    assert f"first after {first['median']:.1f} s (median; {first['largest']:.1f} s at most)" in text
+    assert f"from second {alone['right_to_the_end_from_s']['median']:.0f} on in the median drive" in text
+    assert f"{both['slowest_real_time_factor']:,.0f} times as fast" in text
     pooled = json.loads((DOCS / "results" / "pooling.json").read_text(encoding="utf-8"))["figures"]
     text = (DOCS / "pooling.md").read_text(encoding="utf-8")
     assert f"all {pooled['loads']} loads are within 3 %" in text

@@ -1,10 +1,15 @@
-"""A car adapted over a recording: poses come in one by one, as they would on line, and never one from the future."""
+"""A car adapted over a recording: poses come in one by one, as they would on line.
+
+At each row of the estimate the pose is taken between the last one that was measured and the next, which on line comes
+up to `MAX_POSES_APART` poses, or one row, later.  What the filter assumes is tuned to the recording beforehand
+(`tune_noise`), and each stretch begins with the smoothed twist.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,13 +17,15 @@ import numpy as np
 from bcid.adaptation.filter import (
     CompiledFilter,
     FilterNoise,
+    Knowledge,
     assume_noise,
     compile_filter,
-    run_filter,
     start_filter,
 )
+from bcid.adaptation.filter_run import run_filter
 from bcid.adaptation.formulas import AdaptiveFormulas, trace_adaptive
 from bcid.adaptation.quantities import AdaptedQuantity, choose_quantities, with_quantities
+from bcid.adaptation.settings import FORGET_S
 from bcid.aliases import Floats
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.types import Estimate
@@ -29,18 +36,16 @@ from bcid.models.newton_euler.model import NewtonEuler
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
-FORGET_S = 120.0
-"""Time (s) after which the filter knows as little of a quantity as at first, if a drive does not show it."""
 STEERING_SD_RAD = 0.1
 """Standard deviation of the steering angle at the beginning of a stretch, where the wheel's past is not known."""
 TWIST_SD_SHARE = 0.2
-"""Standard deviation of the twist at the beginning of a stretch, as a share of its root mean square over the take."""
+"""Standard deviation of the twist at the beginning of a stretch, as a share of its root mean square while tuning."""
 PUSH_RANGE = (1e-3, 10.0)
-"""Smallest and largest push that is tried, as a share of the twist's root mean square per root second."""
+"""Smallest and largest push that is tried, per root second, as a share of the twist's root mean square while tuning."""
 TUNING_S = 60.0
-"""Time (s) from a recording's beginning by which the pushes are tuned, under which all of it is followed."""
-FIRST_PUSH = 0.05
-"""Push from which the likeliest one is sought, as that share."""
+"""Time (s) for which the car has moved when the pushes are tuned, under which all of the recording is followed."""
+FIRST_PUSHES = (0.005, 0.05, 0.5)
+"""Pushes, as that share, from the likeliest of which the best is sought: a wrong car is likely by large ones alone."""
 DEFAULT_POSE_SD = (1e-3, 1e-3, 2e-3)
 """Standard deviations (m, m, rad) of poses where no filter has identified them: those of an optical tracking system."""
 MAX_POSES_APART = 3.0
@@ -57,10 +62,19 @@ class MeasuredDrive(NamedTuple):
         """The rows of each stretch without gaps, of more than one row."""
         return [s for s in self.estimate.segments() if s.stop - s.start > 1]
 
-    def beginning(self, seconds: float) -> MeasuredDrive:
-        """The first seconds of the drive, as far as it goes."""
-        rows = slice(0, max(2, round(seconds / self.estimate.period_s)))
-        return MeasuredDrive(self.estimate.select_rows(rows), self.poses[rows])
+    def first_motion(self, least_mps: float, seconds: float) -> MeasuredDrive:
+        """The drive from where the car first moves until it has moved for some `seconds`, as far as it goes.
+
+        The car moves where it is faster than `least_mps`.  The time in which it stands is a gap between stretches.
+        """
+        estimate = self.estimate
+        moves = np.abs(estimate.kinematic[:, 0]) > least_mps
+        # a row at which the car stands is a segment by itself, too short for a stretch
+        begins = (np.diff(estimate.segment) != 0) | ~moves[1:] | ~moves[:-1]
+        apart = replace(estimate, segment=np.r_[0, np.cumsum(begins)])
+        at = np.flatnonzero(moves)[: max(2, round(seconds / estimate.period_s))]
+        rows = slice(at[0], at[-1] + 1) if len(at) else slice(0)
+        return MeasuredDrive(apart.select_rows(rows), self.poses[rows])
 
 
 class Track(NamedTuple):
@@ -115,11 +129,12 @@ def adapt(
     """Adapt the quantities called `names` of a car to the poses of a recording, from its beginning to its end.
 
     The `estimate` gives the commands on the model's grid and the twist with which each stretch begins.  Without
-    `noise`, the pushes are those under which the poses of the first minute are likeliest.
+    `noise`, the pushes are those under which the poses of the first minute of motion are likeliest.
 
     Raises:
         UsageError: a name is no quantity of this car.
-        InputRefused: the recording has no stretch that is long enough.
+        InputRefused: the recording has no stretch that is long enough, or, without `noise`, none in which the car
+            moves.
     """
     switched, quantities = choose_quantities(model, names)
     formulas = trace_adaptive(switched, quantities)
@@ -127,7 +142,12 @@ def adapt(
     if not drive.stretches():
         raise InputRefused(recording.name, "poses", "have no stretch without gaps", "record longer ones")
     compiled = compile_filter(formulas)
-    noise = noise or tune_noise(compiled, formulas, drive.beginning(TUNING_S), forget_s)
+    if noise is None:
+        motion = drive.first_motion(compiled.least_mps, TUNING_S)
+        if not motion.stretches():
+            cause = f"show no car that moves faster than {compiled.least_mps:.2g} m/s"
+            raise InputRefused(recording.name, "poses", cause, "record a drive")
+        noise = tune_noise(compiled, formulas, motion, forget_s)
     compiled = assume_noise(compiled, formulas, noise)
     track = filter_drive(compiled, formulas, drive, noise)
     return Adaptation(switched, quantities, formulas, compiled, noise, drive, track)
@@ -136,32 +156,41 @@ def adapt(
 def filter_drive(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredDrive, noise: FilterNoise) -> Track:
     """Run the filter `f` of `formulas`, which assumes `noise`, over the stretches of a drive.
 
-    The car's state begins anew with each stretch; what is known of the quantities goes on.
+    The car's state begins anew with each stretch; what is known of the quantities goes on, and fades over the gap.
     """
     estimate, n, K = drive.estimate, len(formulas.states), len(drive.estimate)
     q = np.array([each.start for each in formulas.quantities])
-    P_q = np.diag([each.sd**2 for each in formulas.quantities])
+    P_0 = np.array([each.sd**2 for each in formulas.quantities])
+    P_q, time_s, ended = np.diag(P_0), estimate.time_s, 0
     values, sd, innovation = np.tile(q, (K, 1)), np.tile(np.sqrt(np.diag(P_q)), (K, 1)), np.full((K, 3), np.nan)
     total = 0.0
     for rows in drive.stretches():
         first, after = rows.start, slice(rows.start + 1, rows.stop)
         delta = float(estimate.kinematic[first, 3])
-        z, P = start_filter(formulas, noise, estimate.pose[first], estimate.twist[first], delta, (q, P_q))
+        known = Knowledge(q, P_q, float(time_s[first] - time_s[ended]))
+        z, P = start_filter(formulas, noise, estimate.pose[first], estimate.twist[first], delta, known)
         run = run_filter(f, z, P, np.ascontiguousarray(estimate.command[rows][:-1]), drive.poses[after])
-        q, P_q = z[n:], P[n:, n:]
+        q, P_q, ended = z[n:], P[n:, n:], rows.stop - 1
         values[after], innovation[after] = run.z[:, n:], run.innovation
         sd[after] = np.sqrt(np.maximum(run.variance[:, n:], 0.0))
-        # until another stretch begins nothing more is known
-        values[rows.stop :], sd[rows.stop :] = values[rows.stop - 1], sd[rows.stop - 1]
+        # until another stretch begins nothing more is learnt
+        values[rows.stop :] = q
+        kept = np.exp(-(time_s[rows.stop :, None] - time_s[ended]) / noise.forget_s)
+        sd[rows.stop :] = np.sqrt(kept * np.maximum(np.diag(P_q), 0.0) + (1.0 - kept) * P_0)
         total += run.log_likelihood
     return Track(values, sd, innovation, total)
 
 
 def tune_noise(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredDrive, forget_s: float) -> FilterNoise:
-    """The noise under which the poses of a drive are likeliest: a push for the velocities, and one for the yaw rate."""
+    """The noise under which the poses of a drive are likeliest: a push for the velocities, and one for the yaw rate.
+
+    The drive's stretches are those in which the car moves.  The standard deviations of poses are those that the
+    estimate's own filter was tuned to, where there was one.
+    """
     from scipy.optimize import minimize
 
-    v_x, v_y, yaw_rate = np.sqrt((drive.estimate.twist**2).mean(axis=0)).tolist()
+    twist = np.concatenate([drive.estimate.twist[rows] for rows in drive.stretches()])
+    v_x, v_y, yaw_rate = np.sqrt((twist**2).mean(axis=0)).tolist()
     spread = np.array([max(v_x, v_y), max(v_x, v_y), yaw_rate])
     tuning = drive.estimate.tuning
     pose_sd = np.array([*2 * [tuning.noise.r_position], tuning.noise.r_yaw] if tuning else DEFAULT_POSE_SD)
@@ -177,7 +206,7 @@ def tune_noise(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredDri
         total = filter_drive(assume_noise(f, formulas, noise), formulas, drive, noise).log_likelihood
         return -total if math.isfinite(total) else math.inf
 
-    first = np.log([FIRST_PUSH, FIRST_PUSH])
+    first = min((np.log([push, push]) for push in FIRST_PUSHES), key=minus_log_likelihood)
     found = minimize(minus_log_likelihood, first, method="Nelder-Mead", options={"xatol": 0.05, "fatol": 0.5})
     return assume(found.x)
 

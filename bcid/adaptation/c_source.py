@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bcid.adaptation.filter import BOUND_ROUNDS, OUTLIER, CompiledFilter, FilterNoise, first_variances
+from bcid.adaptation.filter import CompiledFilter, FilterNoise, first_variances
+from bcid.adaptation.filter_run import BOUND_ROUNDS, OUTLIER
 from bcid.adaptation.formulas import AdaptiveFormulas
 from bcid.aliases import Floats, Ints
 from bcid.export.c_source import HELPERS, C, describe_all, element_texts, places_in, write_function
@@ -39,8 +40,10 @@ typedef struct {{
 /* Begin at a pose, a twist [v_x, v_y (m/s), yaw rate (rad/s)] and a steering angle (rad); the past is not known. */
 void {name}_adapt_init({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta);
 
-/* Begin anew after a gap: the state is lost, what is known of the quantities stays. */
-void {name}_adapt_restart({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta);
+/* Begin anew after a gap of so many seconds (0 or more) since the last step: the state is lost, and what is known of
+ * the quantities stays, less what is forgotten in that time. */
+void {name}_adapt_restart({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta,
+    double gap_s);
 
 /* One period under a command, and the pose measured at its end; NULL, or not a number, where none was. */
 void {name}_adapt_step({name}_adapt_filter *f, const double u[2], const double *pose);
@@ -53,29 +56,10 @@ void {name}_adapt_step({name}_adapt_filter *f, const double u[2], const double *
 """
 
 _LOOPS = """\
-void {name}_adapt_init({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta)
+/* A share of what was learnt of the quantities fades: their variances go back towards those at first. */
+static void forget({name}_adapt_filter *f, double share)
 {{
-    int i;
-    for (i = 0; i < K; ++i) f->z[NX + i] = quantities[i];
-    for (i = 0; i < N * N; ++i) f->P[i / N][i % N] = 0.0;
-    for (i = 0; i < K; ++i) f->P[NX + i][NX + i] = variances[NX + i];
-    {name}_adapt_restart(f, pose, twist, delta);
-}}
-
-void {name}_adapt_restart({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta)
-{{
-    int i, j;
-    first_states(pose, twist, delta, f->z + NX, f->z);
-    for (i = 0; i < NX; ++i) {{
-        for (j = 0; j < N; ++j) f->P[i][j] = f->P[j][i] = 0.0;
-        f->P[i][i] = variances[i];
-    }}
-}}
-
-/* What was learnt of the quantities fades: their variances go back to those at first. */
-static void forget({name}_adapt_filter *f)
-{{
-    const double kept = sqrt(1.0 - FORGOTTEN);
+    const double kept = sqrt(1.0 - share);
     int i, j;
     for (i = NX; i < N; ++i) {{
         for (j = 0; j < N; ++j) {{
@@ -83,7 +67,28 @@ static void forget({name}_adapt_filter *f)
             f->P[j][i] *= kept;
         }}
     }}
-    for (i = NX; i < N; ++i) f->P[i][i] += FORGOTTEN * variances[i];
+    for (i = NX; i < N; ++i) f->P[i][i] += share * variances[i];
+}}
+
+void {name}_adapt_init({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta)
+{{
+    int i;
+    for (i = 0; i < K; ++i) f->z[NX + i] = quantities[i];
+    for (i = 0; i < N * N; ++i) f->P[i / N][i % N] = 0.0;
+    for (i = 0; i < K; ++i) f->P[NX + i][NX + i] = variances[NX + i];
+    {name}_adapt_restart(f, pose, twist, delta, 0.0);
+}}
+
+void {name}_adapt_restart({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta,
+    double gap_s)
+{{
+    int i, j;
+    forget(f, -expm1(-gap_s / FORGET_S));
+    first_states(pose, twist, delta, f->z + NX, f->z);
+    for (i = 0; i < NX; ++i) {{
+        for (j = 0; j < N; ++j) f->P[i][j] = f->P[j][i] = 0.0;
+        f->P[i][i] = variances[i];
+    }}
 }}
 
 /* P = F P F' + Q, below F the rows of the unit matrix. */
@@ -124,10 +129,18 @@ static void keep_within({name}_adapt_filter *f)
     for (i = NX; i < N; ++i) f->z[i] = fmin(fmax(f->z[i], lowest[i - NX]), largest_of[i - NX]);
 }}
 
+/* Whether the car moves: while it stands nothing is learnt of the quantities. */
+static int moves(const double z[N])
+{{
+    const double turning = WHEELBASE_M * z[YAW_RATE];
+    return z[V_X] * z[V_X] + z[V_Y] * z[V_Y] + turning * turning > LEAST_MPS * LEAST_MPS;
+}}
+
 /* A measured pose enters, one number after the other; a wrong one moves the state by a bounded amount. */
 static void update({name}_adapt_filter *f, const double pose[3])
 {{
     double h[3], H[3][N], PH[N];
+    const int learns = moves(f->z);
     int c, i, j;
     for (c = 0; c < 3; ++c) {{
         double e, s = pose_variances[c];
@@ -141,8 +154,10 @@ static void update({name}_adapt_filter *f, const double pose[3])
         for (i = 0; i < N; ++i) s += H[c][i] * PH[i];
         s = fmax(s, e * e / (OUTLIER * OUTLIER));
         for (i = 0; i < N; ++i) {{
-            f->z[i] += PH[i] * e / s;
-            for (j = 0; j < N; ++j) f->P[i][j] -= PH[i] * PH[j] / s;
+            if (i < NX || learns) f->z[i] += PH[i] * e / s;
+            for (j = 0; j < N; ++j) {{
+                if (i < NX || j < NX || learns) f->P[i][j] -= PH[i] * PH[j] / s;
+            }}
         }}
     }}
     keep_within(f);
@@ -153,7 +168,7 @@ void {name}_adapt_step({name}_adapt_filter *f, const double u[2], const double *
     double x[NX], F[NX][N];
     int i;
     advance(f->z, u, x, F);
-    forget(f);
+    forget(f, FORGOTTEN);
     predict_covariance(f->P, F);
     for (i = 0; i < NX; ++i) f->z[i] = x[i];
     if (pose != NULL && pose[0] == pose[0] && pose[1] == pose[1] && pose[2] == pose[2]) update(f, pose);
@@ -188,7 +203,10 @@ def write_adapt_source(name: str, about: str, formulas: AdaptiveFormulas, f: Com
     parameters = {key: value for program in programs for key, value in program.parameters.items()}
     blocks = [
         f'/* {about} */\n\n#include "{name}_adapt.h"\n\n#include <math.h>\n#include <stddef.h>\n',
-        f"#define NX {n}\n#define K {k}\n#define N {n + k}\n#define FORGOTTEN {f.forgotten!r}\n"
+        f"#define NX {n}\n#define K {k}\n#define N {n + k}\n"
+        f"#define FORGET_S {noise.forget_s!r}\n#define FORGOTTEN {f.forgotten!r}\n"
+        + "".join(f"#define {name} {place}\n" for name, place in zip(("V_X", "V_Y", "YAW_RATE"), f.twist, strict=True))
+        + f"#define WHEELBASE_M {f.wheelbase_m!r}\n#define LEAST_MPS {f.least_mps!r}\n"
         f"#define OUTLIER {OUTLIER!r}\n#define BOUND_ROUNDS {BOUND_ROUNDS}\n#define PI 3.141592653589793\n",
         "".join(f"static const double {key} = {C.number(value)};\n" for key, value in parameters.items()),
         _table("quantities", [q.start for q in formulas.quantities]),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bcid.adaptation.adapt import Adaptation
-from bcid.adaptation.filter import run_filter, start_filter
+from bcid.adaptation.filter import start_filter
+from bcid.adaptation.filter_run import run_filter
 from bcid.estimate.types import Estimate
 from bcid.export.check_programs import c_table
 

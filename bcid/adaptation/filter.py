@@ -9,11 +9,19 @@ their variance at first,
 
     P_qq <- (1 - a) P_qq + a P_0,   P_xq <- (1 - a)^1/2 P_xq,
 
-so that the variance of one that a drive does not show returns to P_0 and never grows beyond it.  At a pose y the three
-numbers enter one after the other: e = y - h(z), s = H P H' + r^2, K = P H'/s, z + K e, P - K s K'.  An innovation of
-more than `OUTLIER` standard deviations counts as one of so many: s is then e^2 / OUTLIER^2, and a wrong pose moves the
-state by a bounded amount.  A quantity that leaves its bounds is set to the bound, and all others go with it by their
-covariance (Simon 2010, Kalman filtering with state constraints, IET Control Theory & Applications 4, section 2.4).
+so that the variance of one that a drive does not show returns to P_0 and never grows beyond it.  Over a gap without
+poses, after which the state x begins anew, they forget by the same rule, with the gap's length in place of T.
+
+At a pose y the three numbers enter one after the other: e = y - h(z), s = H P H' + r^2, K = P H'/s, z + K e,
+P - K s K'.  An innovation of more than `OUTLIER` standard deviations counts as one of so many: s is then
+e^2 / OUTLIER^2, and a wrong pose moves the state by a bounded amount.  A quantity that leaves its bounds is set to the
+bound, and all others go with it by their covariance (Simon 2010, Kalman filtering with state constraints, IET Control
+Theory & Applications 4, section 2.4).  `filter_run` computes all this.
+
+While the car stands, with v_x^2 + v_y^2 + (L yaw rate)^2 below the square of `least_mps`, L the wheelbase, a pose moves
+the state x alone: K is 0 for the quantities, and P_qq stays (Schmidt 1966, Application of state-space methods to
+navigation problems, Advances in Control Systems 3).  A car that stands is not pushed as one that drives, so that it
+would seem to lose speed faster than the model says, and thus to be lighter.
 """
 
 from __future__ import annotations
@@ -29,12 +37,7 @@ from bcid.compiled.njit import njit
 from bcid.export.formulas import COMMANDS, START
 from bcid.export.graph import Node
 from bcid.export.tape import Tape, record_tape, run_tape
-from bcid.physics.kinematics import wrap_angle
-
-OUTLIER = 4.0
-"""Standard deviations from which on an innovation is taken for a wrong pose: one in 16,000 by chance."""
-BOUND_ROUNDS = 3
-"""Times that quantities beyond their bounds are set back together: each may take others along."""
+from bcid.recording.limits import HEALTH
 
 
 class FilterNoise(NamedTuple):
@@ -45,6 +48,14 @@ class FilterNoise(NamedTuple):
     twist_sd: Floats  # (3,) of the first twist, m/s, m/s, rad/s
     steering_sd: float  # of the first steering angle, rad
     forget_s: float  # tau
+
+
+class Knowledge(NamedTuple):
+    """What is known of k quantities from the stretch of a drive before."""
+
+    values: Floats  # (k,)
+    covariance: Floats  # (k, k)
+    gap_s: float  # from the end of that stretch to the beginning of the next
 
 
 class CompiledFilter(NamedTuple):
@@ -60,17 +71,11 @@ class CompiledFilter(NamedTuple):
     r2: Floats  # (3,) variances of a pose
     P_0: Floats  # (k,) variances of the quantities at first
     forgotten: float  # a
+    twist: Ints  # (3,) places of v_x, v_y and the yaw rate in z
+    wheelbase_m: float
+    least_mps: float  # speed of a car that moves
     low: Floats  # (k,) bounds of the quantities
     high: Floats
-
-
-class FilterRun(NamedTuple):
-    """What a run of the filter over M poses gives."""
-
-    z: Floats  # (M, N) after each pose
-    variance: Floats  # (M, N)
-    innovation: Floats  # (M, 3) NaN where no pose was measured
-    log_likelihood: float
 
 
 def compile_filter(formulas: AdaptiveFormulas) -> CompiledFilter:
@@ -80,9 +85,11 @@ def compile_filter(formulas: AdaptiveFormulas) -> CompiledFilter:
     pose, H, H_places = _record(formulas.pose, formulas.pose_slopes, inputs)
     bounds = np.array([[q.low, q.high] for q in formulas.quantities])
     P_0 = np.array([q.sd**2 for q in formulas.quantities])
+    twist, wheelbase_m = np.array([_names(formulas).index(name) for name in PUSHED]), formulas.wheelbase_m
     return CompiledFilter(
-        step, pose, F, H, F_places, H_places, np.zeros(F.shape[1]), np.zeros(3), P_0, 0.0, *bounds.T.copy()
-    )
+        step, pose, F, H, F_places, H_places, np.zeros(F.shape[1]), np.zeros(3), P_0, 0.0, twist, wheelbase_m,
+        HEALTH.min_moving_speed * wheelbase_m, *bounds.T.copy(),
+    )  # fmt: skip
 
 
 def assume_noise(f: CompiledFilter, formulas: AdaptiveFormulas, noise: FilterNoise) -> CompiledFilter:
@@ -90,7 +97,12 @@ def assume_noise(f: CompiledFilter, formulas: AdaptiveFormulas, noise: FilterNoi
     T = formulas.period_s
     pushes = dict(zip(PUSHED, T * noise.q**2, strict=True))
     Q = np.array([pushes.get(name, 0.0) for name in _names(formulas)])
-    return f._replace(Q=Q, r2=noise.pose_sd**2, forgotten=1.0 - math.exp(-T / noise.forget_s))
+    return f._replace(Q=Q, r2=noise.pose_sd**2, forgotten=share_forgotten(T, noise))
+
+
+def share_forgotten(seconds: float, noise: FilterNoise) -> float:
+    """The share a of what was learnt of the quantities that is forgotten in some `seconds`."""
+    return -math.expm1(-seconds / noise.forget_s)
 
 
 def _names(formulas: AdaptiveFormulas) -> list[str]:
@@ -100,21 +112,23 @@ def _names(formulas: AdaptiveFormulas) -> list[str]:
 
 def start_filter(
     formulas: AdaptiveFormulas, noise: FilterNoise, pose: Floats, twist: Floats, delta: float,
-    known: tuple[Floats, Floats] | None = None,
+    known: Knowledge | None = None,
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """State z (N,) and covariance P (N, N) at a pose (3,), a twist (3,) and a steering angle `delta` (rad).
 
-    Of the past nothing is known: the car coasts, its wheel held.  Where something is `known` of the quantities, their
-    values (k,) and covariance (k, k), they go on from there.
+    Of the past nothing is known: the car coasts, its wheel held.  Where something is `known` of the quantities from
+    before a gap, they go on from there, less what is forgotten over the gap.
     """
     names = [s.name for s in formulas.states]
     inputs = [*(s.name for s in START), *(q.name for q in formulas.quantities)]
     tape, x = record_tape(formulas.first_states, inputs), np.empty(len(names))
-    values = np.array([q.start for q in formulas.quantities]) if known is None else known[0]
+    values = np.array([q.start for q in formulas.quantities]) if known is None else known.values
     run_tape(tape, np.array([*pose, *twist, delta, *values]), tape.start.copy(), x)
     P = np.diag(first_variances(formulas, noise))
     if known is not None:
-        P[len(x) :, len(x) :] = known[1]
+        P_0 = np.diag(P)[len(x) :].copy()
+        P[len(x) :, len(x) :] = known.covariance
+        forget(P, P_0, share_forgotten(known.gap_s, noise))
     return np.r_[x, values], P
 
 
@@ -136,118 +150,12 @@ def _record(
 
 
 @njit
-def run_filter(f: CompiledFilter, z: Floats, P: Floats, commands: Floats, poses: Floats) -> FilterRun:
-    """Run the filter over M periods: `commands` (M, 2), each held for a period, and `poses` (M, 3) at the end of each.
-
-    `z` (N,) and `P` (N, N) are state and covariance before the first, and after the last on return.  A pose that is NaN
-    is passed over.
-    """
-    M, N, n = len(commands), len(z), len(f.F)
-    states, variances, innovations = np.empty((M, N)), np.empty((M, N)), np.full((M, 3), np.nan)
-    inputs, x, h = np.empty(N + 2), np.empty(n + len(f.F_places)), np.empty(3 + len(f.H_places))
-    step_places, pose_places = f.step.start.copy(), f.pose.start.copy()
-    F, H, FP, PH = f.F.copy(), f.H.copy(), np.empty((N, N)), np.empty(N)
-    total = 0.0
-    for k in range(M):
-        inputs[:N], inputs[N:] = z, commands[k]
-        run_tape(f.step, inputs, step_places, x)
-        for i in range(len(f.F_places)):
-            F[f.F_places[i, 0], f.F_places[i, 1]] = x[n + i]
-        forget(f, P, n)
-        predict_covariance(F, P, FP, f.Q)
-        z[:n] = x[:n]
-        if not math.isnan(poses[k, 0] + poses[k, 1] + poses[k, 2]):
-            total += update(f, z, P, poses[k], inputs, pose_places, h, H, PH, innovations[k])
-        for i in range(N):
-            states[k, i], variances[k, i] = z[i], P[i, i]
-    return FilterRun(states, variances, innovations, total)
-
-
-@njit
-def forget(f: CompiledFilter, P: Floats, n: int) -> None:
-    """Let the quantities, from place `n` on, forget a part of what was learnt of them."""
-    kept = math.sqrt(1.0 - f.forgotten)
+def forget(P: Floats, P_0: Floats, share: float) -> None:
+    """Let the k quantities, the last of z, forget a `share` of what was learnt; at first their variances were `P_0`."""
+    n, kept = len(P) - len(P_0), math.sqrt(1.0 - share)
     for i in range(n, len(P)):
         for j in range(len(P)):
             P[i, j] *= kept
             P[j, i] *= kept
     for i in range(n, len(P)):
-        P[i, i] += f.forgotten * f.P_0[i - n]
-
-
-@njit
-def predict_covariance(F: Floats, P: Floats, FP: Floats, Q: Floats) -> None:
-    """P becomes F P F' + diag(Q), where below the n rows of F stand those of the unit matrix; `FP` is worked on."""
-    n, N = F.shape
-    for i in range(N):
-        for j in range(N):
-            FP[i, j] = 0.0 if i < n else P[i, j]
-        if i < n:
-            for m in range(N):
-                slope = F[i, m]
-                if slope != 0.0:
-                    for j in range(N):
-                        FP[i, j] += slope * P[m, j]
-    for i in range(N):
-        for j in range(i, N):
-            if j < n:
-                total = 0.0
-                for m in range(N):
-                    total += FP[i, m] * F[j, m]
-            else:
-                total = FP[i, j]
-            P[i, j], P[j, i] = total, total
-        P[i, i] += Q[i]
-
-
-@njit
-def update(
-    f: CompiledFilter, z: Floats, P: Floats, pose: Floats, inputs: Floats, places: Floats, h: Floats, H: Floats,
-    PH: Floats, innovation: Floats,
-) -> float:  # fmt: skip
-    """Let a measured `pose` (3,) enter z and P; returns its log-likelihood.  What follows `pose` is worked on."""
-    N, total = len(z), 0.0
-    for c in range(3):
-        # anew for each number, as the one before has moved the state
-        inputs[:N] = z
-        run_tape(f.pose, inputs, places, h)
-        for i in range(len(f.H_places)):
-            H[f.H_places[i, 0], f.H_places[i, 1]] = h[3 + i]
-        e = pose[c] - h[c]
-        if c == 2:
-            e = wrap_angle(e)
-        s = f.r2[c]
-        for i in range(N):
-            PH[i] = 0.0
-            for j in range(N):
-                PH[i] += P[i, j] * H[c, j]
-        for i in range(N):
-            s += H[c, i] * PH[i]
-        s = max(s, e * e / (OUTLIER * OUTLIER))
-        for i in range(N):
-            z[i] += PH[i] * e / s
-            for j in range(N):
-                P[i, j] -= PH[i] * PH[j] / s
-        innovation[c] = e
-        total -= 0.5 * (math.log(2.0 * math.pi * s) + e * e / s)
-    keep_within(f, z, P)
-    return total
-
-
-@njit
-def keep_within(f: CompiledFilter, z: Floats, P: Floats) -> None:
-    """Set quantities that have left their bounds to these, and let all of z go with them by the covariance.
-
-    One that another has taken along beyond its own bound is set back in the next round, and in the end by itself.
-    """
-    n = len(f.F)
-    for _ in range(BOUND_ROUNDS):
-        for i in range(n, len(z)):
-            bound = min(max(z[i], f.low[i - n]), f.high[i - n])
-            off = bound - z[i]
-            if off != 0.0 and P[i, i] > 0.0:
-                for j in range(len(z)):
-                    z[j] += P[j, i] * off / P[i, i]
-                z[i] = bound
-    for i in range(n, len(z)):
-        z[i] = min(max(z[i], f.low[i - n]), f.high[i - n])
+        P[i, i] += share * P_0[i - n]

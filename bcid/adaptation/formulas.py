@@ -30,6 +30,7 @@ class AdaptiveFormulas(NamedTuple):
     """The formulas of an adapted car; inputs are called as the states, the commands and the adapted quantities."""
 
     period_s: float
+    wheelbase_m: float
     states: tuple[Variable, ...]
     quantities: tuple[AdaptedQuantity, ...]
     next_states: tuple[Node, ...]  # f
@@ -56,8 +57,8 @@ def trace_adaptive(model: AugmentedNewtonEuler, quantities: Sequence[AdaptedQuan
     after, seen, first = tuple(replaced[:n]), tuple(replaced[n : n + 3]), tuple(replaced[n + 3 :])
     by = [graph.input(name) for name in (*(s.name for s in step.states), *(q.name for q in quantities))]
     return AdaptiveFormulas(
-        model.period_s, step.states, tuple(quantities), after, tuple(map(tuple, differentiate(after, by))),
-        seen, tuple(map(tuple, differentiate(seen, by))), first,
+        model.period_s, model.car.l_f + model.car.l_r, step.states, tuple(quantities), after,
+        tuple(map(tuple, differentiate(after, by))), seen, tuple(map(tuple, differentiate(seen, by))), first,
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bcid.adaptation.settings import FORGET_S
 from bcid.cli import options
 from bcid.cli.completion import complete_saved_models
 from bcid.cli.options import Format
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from bcid.documents.adapt import AdaptDocument
 
 DEFAULT_FOLDER = Path("adapted")
-DEFAULT_FORGET_S = 120.0
 NAME = "car"
 C_FILES = ("_adapt.h", "_adapt.c", "_adapt_test.c")
 """What follows the name in those of the files in C."""
@@ -42,7 +42,7 @@ def adapt(
     ] = None,
     forget: Annotated[
         float, typer.Option(min=1.0, help="Time (s) after which what a drive no longer shows is forgotten.")
-    ] = DEFAULT_FORGET_S,
+    ] = FORGET_S,
     name: Annotated[str, typer.Option(help="What the functions in C are called.")] = NAME,
     vehicle: options.VehicleOption = None,
     commands: options.CommandsOption = None,
