@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import os
-import socket
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from clusters import run_cluster
 from hypothesis import settings
 
 from bcid.estimate.consistency import Truth
@@ -95,33 +91,17 @@ def estimates(takes: dict[str, Path], vehicle: Vehicle, tuning: Tuning) -> list[
 
 
 @pytest.fixture(scope="session")
-def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The address of a Dask scheduler with two workers, as a user starts them."""
-    if find_spec("distributed") is None:
-        pytest.skip("the extra fleet is not installed")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-    folder = tmp_path_factory.mktemp("dask")
-    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", address, "--no-dashboard"]
-    workers = ["-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--nworkers", "2", "--no-dashboard"]
-    # jobs of tests are found by the names of their modules, which are those of files seen from the repository
-    homes = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
-    path = os.pathsep.join([*homes, *os.environ.get("PYTHONPATH", "").split(os.pathsep)])
-    with (folder / "log").open("w", encoding="utf-8") as log:
-        begun = [
-            subprocess.Popen(command, cwd=folder, stdout=log, stderr=log, env=os.environ | {"PYTHONPATH": path})
-            for command in (dask, [sys.executable, *workers])
-        ]
-    until = time.monotonic() + 60.0
-    try:
-        while (folder / "log").read_text(encoding="utf-8").count("Registered to") < 2:
-            if time.monotonic() > until:
-                pytest.fail((folder / "log").read_text(encoding="utf-8")[-2000:])
-            time.sleep(0.2)
-        yield address
-    finally:
-        for process in reversed(begun):
-            process.terminate()
-        for process in begun:
-            process.wait(30.0)
+def cluster_of_two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The address of the scheduler of two workers, some of which tests kill."""
+    with run_cluster(tmp_path_factory.mktemp("dask"), 2, "--nthreads", "1") as cluster:
+        yield cluster.address
+
+
+@pytest.fixture
+def scheduler(cluster_of_two: str) -> str:
+    """The address of a Dask scheduler with two workers; those that an earlier test killed have been started anew."""
+    from distributed import Client
+
+    with Client(cluster_of_two, set_as_default=False) as client:  # type: ignore[no-untyped-call]
+        client.wait_for_workers(2, timeout=60.0)  # type: ignore[no-untyped-call]
+    return cluster_of_two

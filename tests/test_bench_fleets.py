@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import json
+import sys
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from bcid.bench.fleets import FleetCost, summarise_fleets
+from bcid.bench import fleets
+from bcid.bench.fleets import FleetCost, clear_peak_memory, measure_fleets, process_usage, summarise_fleets
 from bcid.cli.app import app
+from bcid.execution.cluster import Cluster
 
 SMALL = FleetCost(logs=4, workers=2, failed=0, wall_s=100.0, cpu_s=200.0, peak_mib=500.0, disk_mib=40.0)
 LARGE = FleetCost(logs=64, workers=2, failed=0, wall_s=1650.0, cpu_s=3300.0, peak_mib=520.0, disk_mib=640.0)
@@ -38,6 +43,50 @@ def test_growth_and_speed_up_are_those_of_the_runs() -> None:
 def test_a_goal_that_is_missed_is_told(large: FleetCost, missed: str) -> None:
     (told,) = summarise_fleets([SMALL, large], 600.0, {})["missed"]
     assert missed in told
+
+
+def use_memory(mib: int) -> int:
+    """Have so much memory for a moment."""
+    return len(np.ones(mib * 2**17))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells and clears it")
+def test_memory_of_earlier_runs_is_not_counted() -> None:
+    before = process_usage()[1]
+    use_memory(200)
+    assert process_usage()[1] > before + 100.0
+    clear_peak_memory()
+    assert process_usage()[1] < before + 100.0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells and clears it")
+def test_memory_of_earlier_runs_on_a_cluster_is_not_counted(scheduler: str) -> None:
+    with Cluster(scheduler) as cluster:
+        cluster.submit(0, partial(use_memory, 400))
+        assert cluster.next_results() == [(0, 400 * 2**17)]
+    assert max(peak for _, peak in fleets._cluster_usage(scheduler).values()) > 400.0
+    cleared = fleets._cluster_usage(scheduler, clear_peak=True)
+    assert len(cleared) == 2
+    assert max(peak for _, peak in cleared.values()) < 400.0
+
+
+@pytest.mark.parametrize(("on_cluster", "runs"), [(0, [(2, 3), (4, 1), (4, 3), (9, 3)]), (3, [(6, 3), (4, 3), (9, 3)])])
+def test_what_is_measured_is_warm_and_small_fleets_come_first(
+    on_cluster: int, runs: list[tuple[int, int]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The run before those that count gives each process that outlives it two logs."""
+    begun = list[tuple[int, int]]()
+
+    def run_fleet(home: Path, logs: list[Path], workers: int, dask: str | None, out: Path) -> FleetCost:
+        begun.append((len(logs), workers))
+        return SMALL._replace(logs=len(logs), workers=workers)
+
+    monkeypatch.setattr(fleets, "_cluster_usage", lambda dask: {f"{n}": (0.0, 0.0) for n in range(on_cluster)})
+    monkeypatch.setattr(fleets, "_run_fleet", run_fleet)
+    monkeypatch.setattr(fleets, "_write_log", lambda home, number, seconds: home / f"{number}")
+    found = measure_fleets([9, 4], 600.0, 3, "tcp://desk:8786" if on_cluster else None, lambda share, text: None)
+    assert begun == runs
+    assert [(cost.logs, cost.workers) for cost in found] == runs[1:]
 
 
 @pytest.mark.slow

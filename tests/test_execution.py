@@ -6,14 +6,19 @@ import os
 import signal
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
 
 import pytest
+from clusters import run_cluster
 
 from bcid.errors import UsageError
-from bcid.execution.cluster import Cluster
+from bcid.execution import cluster as cluster_module
+from bcid.execution.cluster import Cluster, ClusterLost
 from bcid.execution.jobs import ProcessLost, run_jobs, run_jobs_in
 from bcid.execution.limits import LIMITS
 from bcid.execution.pool import Died, WorkerPool
@@ -38,6 +43,64 @@ def die_unless_marked(mark: Path, number: int) -> int:
 def die() -> int:
     os.kill(os.getpid(), signal.SIGKILL)
     return 0
+
+
+def die_and_count(deaths: Path) -> int:
+    """End the process as the kernel would, each time that this is tried."""
+    with deaths.open("a", encoding="utf-8") as file:
+        file.write("x")
+    return die()
+
+
+def sleep(seconds: float) -> None:
+    time.sleep(seconds)
+
+
+def raise_unreadable() -> None:
+    raise RuntimeError("a module that is missing there")
+
+
+class Unreadable:
+    """What can be sent to another process, but not be put together there."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return raise_unreadable, ()
+
+    def __call__(self) -> int:
+        return 0
+
+
+def make_unreadable() -> Unreadable:
+    return Unreadable()
+
+
+class CountedPool:
+    """Two places, each of whose calls is done when results are waited for; it counts how often it is asked."""
+
+    def __init__(self) -> None:
+        self.size, self.asked = 2, 0
+        self._waiting: list[tuple[Any, Callable[[], Any]]] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Nothing is left to be ended."""
+
+    @property
+    def free(self) -> int:
+        self.asked += 1
+        return self.size - len(self._waiting)
+
+    def submit(self, key: Any, call: Callable[[], Any]) -> None:
+        assert len(self._waiting) < self.size
+        self._waiting.append((key, call))
+
+    def next_results(self) -> list[tuple[Any, Any]]:
+        key, call = self._waiting.pop(0)
+        return [(key, call())]
 
 
 def fail() -> int:
@@ -103,6 +166,33 @@ def test_what_cannot_be_sent_is_said() -> None:
             list(run_jobs([0], lambda n, call=call: call, 2))
 
 
+@pytest.mark.parametrize(("call", "what"), [(Unreadable(), "call"), (make_unreadable, "result")])
+def test_what_cannot_be_read_is_said_and_costs_no_process(call: Callable[[], Any], what: str) -> None:
+    with pytest.raises(RuntimeError, match=rf"a {what} .*cannot be read.* a module that is missing there"):
+        list(run_jobs([0], lambda n: call, 2))
+    with WorkerPool(1) as pool:
+        numbers = []
+        for job in (process_number, call, process_number):
+            pool.submit(0, job)
+            numbers += [number for _, number in pool.next_results() if isinstance(number, int)]
+    assert len(numbers) == 2
+    assert len(set(numbers)) == 1
+
+
+@pytest.mark.parametrize("count", [4, 64, 256])
+def test_many_jobs_cost_no_more_questions_each(count: int) -> None:
+    """Each result makes a place free, for which the pool is asked once, and one job or two are looked at."""
+    pool, looked_at = CountedPool(), list[int]()
+
+    def prepare(number: int) -> Callable[[], int]:
+        looked_at.append(number)
+        return partial(square, number)
+
+    assert len(list(run_jobs_in(pool, range(count), prepare))) == count
+    assert pool.asked <= count + 1
+    assert looked_at == list(range(count))
+
+
 def test_the_same_job_twice_is_done_twice() -> None:
     job = 3
     assert list(run_jobs([job, job], lambda n: partial(square, n), 2)) == [(3, 9), (3, 9)]
@@ -140,6 +230,61 @@ def test_a_cluster_does_jobs_and_a_killed_worker_changes_nothing(scheduler: str,
     assert done == {0: 0, 1: 1, 2: 4, 3: 9, 4: 16, 5: 25}
     with pytest.raises(ValueError, match="the job says so"):
         list(run_jobs_in(Cluster(scheduler), [0], lambda n: fail))
+
+
+def test_a_job_that_kills_each_worker_is_given_up_once(scheduler: str, tmp_path: Path) -> None:
+    """The scheduler counts deaths by itself; the other jobs are done, though no worker is there for a while."""
+    import dask
+
+    deaths = tmp_path / "deaths"
+    jobs = {0: partial(die_and_count, deaths), **{n: partial(square, n) for n in range(1, 4)}}
+    done = dict(run_jobs_in(Cluster(scheduler), jobs, jobs.__getitem__, lost=lambda job: -1))
+    assert done == {0: -1, 1: 1, 2: 4, 3: 9}
+    allowed: int = dask.config.get("distributed.scheduler.allowed-failures")
+    assert len(deaths.read_text(encoding="utf-8")) == allowed + 1
+    with pytest.raises(ProcessLost, match=rf"died {allowed + 1} times, out of memory"):
+        list(run_jobs_in(Cluster(scheduler), [0], jobs.__getitem__))
+
+
+def test_calls_that_a_scheduler_drops_are_told(scheduler: str) -> None:
+    with Cluster(scheduler) as cluster:
+        cluster.submit(0, partial(sleep, 0.5))
+        cluster._client.cancel(list(cluster._running), force=True)
+        with pytest.raises(ClusterLost, match=r"dropped calls(.|\n)*next: "):
+            cluster.next_results()
+
+
+def test_a_call_that_cannot_be_read_on_a_cluster_is_said(scheduler: str) -> None:
+    with pytest.raises(RuntimeError):
+        list(run_jobs_in(Cluster(scheduler), [0], lambda n: Unreadable()))
+
+
+def test_workers_with_several_threads_are_refused(tmp_path: Path) -> None:
+    with (
+        run_cluster(tmp_path, 1, "--nthreads", "2") as dask,
+        pytest.raises(UsageError, match=r"several threads(.|\n)*next: .* --nthreads 1"),
+        Cluster(dask.address),
+    ):
+        pass
+
+
+def test_a_cluster_whose_workers_are_gone_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster_module, "LIMITS", replace(LIMITS, look_every_s=0.1, without_workers_s=0.5))
+    with (
+        run_cluster(tmp_path, 1, "--nthreads", "1", "--no-nanny") as dask,
+        pytest.raises(ClusterLost, match=r"no worker is left(.|\n)*next: "),
+    ):
+        list(run_jobs_in(Cluster(dask.address), [0], lambda n: die))
+
+
+def test_a_scheduler_that_dies_is_told(tmp_path: Path) -> None:
+    with run_cluster(tmp_path, 1, "--nthreads", "1") as dask, Cluster(dask.address) as cluster:
+        cluster.submit(0, partial(sleep, 30.0))
+        dask.scheduler.kill()
+        with pytest.raises(ClusterLost, match=r"the scheduler is gone(.|\n)*next: "):
+            cluster.next_results()
+        with pytest.raises(ClusterLost, match="the scheduler is gone"):
+            assert cluster.free
 
 
 def test_a_scheduler_that_does_not_answer_is_told() -> None:

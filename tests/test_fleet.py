@@ -12,11 +12,12 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 import pytest
 
-from bcid.documents.fleet import FleetDocument
+from bcid.documents.fleet import FleetDocument, FleetLog, KeptArtifact
 from bcid.errors import InputRefused
 from bcid.execution.cluster import Cluster
 from bcid.execution.jobs import Pool
@@ -24,7 +25,7 @@ from bcid.execution.pool import WorkerPool
 from bcid.fleet.labels import label_logs
 from bcid.fleet.logs import find_logs
 from bcid.fleet.run import run_fleet
-from bcid.fleet.tasks import FleetOrder
+from bcid.fleet.tasks import FleetOrder, LogEvaluation, evaluate_on
 from bcid.pipeline.config import PipelineConfig, read_pipeline_file
 from bcid.pipeline.run import Pipeline
 from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
@@ -156,6 +157,49 @@ def test_a_locked_log_is_put_off_and_come_back_to(
     assert ended[1:3] == ["1 of 2 logs; b", "2 of 2 logs; a"]
     assert [log.state for log in document.logs] == ["done", "done"]
     assert artifacts(tmp_path).items() >= {k: v for k, v in one_by_one.items() if key in k}.items()
+
+
+class ToldPool:
+    """One place whose calls are told, not done, and give made-up rows; the log a is locked until it is waited for."""
+
+    def __init__(self) -> None:
+        self.size, self.told = 1, list[str]()
+        self._result = list[tuple[Any, Any]]()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Nothing is left to be ended."""
+
+    @property
+    def free(self) -> int:
+        return self.size - len(self._result)
+
+    def submit(self, key: Any, call: Callable[[], Any]) -> None:
+        assert isinstance(call, partial)
+        log, waits, evaluates = call.args[1], call.args[-1], call.func is evaluate_on
+        self.told.append(("evaluate " if evaluates else "") + log.stem + (", waiting" if waits else ""))
+        made = tuple(KeptArtifact(stage=stage, key="0", model="newton-euler") for stage in ("estimate", "fit"))
+        row = FleetLog(name=log.stem, file=str(log), state="done", artifacts=made)
+        locked = log.stem == "a" and not waits
+        self._result = [(key, None if locked else LogEvaluation() if evaluates else row)]
+
+    def next_results(self) -> list[tuple[Any, Any]]:
+        result, self._result = self._result, []
+        return result
+
+
+def test_a_locked_log_is_waited_for_when_no_evaluation_can_begin(lab: Path, logs: list[Path], tmp_path: Path) -> None:
+    """The models of b can be evaluated on c before a is there; those of a, and of c on a, cannot."""
+    pool = ToldPool()
+    document = run(lab, tmp_path, logs, pool)
+    assert {log.state for log in document.logs} == {"done"}
+    assert pool.told == [
+        "a", "b", "c", "evaluate b", "a, waiting", "evaluate a", "evaluate c", "evaluate a, waiting",
+    ]  # fmt: skip
 
 
 def kill_in_the_middle(mark: Path, call: Callable[[], Any]) -> Any:

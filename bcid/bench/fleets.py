@@ -1,7 +1,8 @@
 """What a fleet of logs costs as it grows, and how much faster more processes are: runs of `bcid fleet`, weighed whole.
 
 Every run is a process of its own, so that its time and memory are those of all processes that it has started.  On a
-Dask cluster they are the workers', which are asked before and after.
+Dask cluster they are the workers', too, which outlive a run: they are asked before and after it, their largest memory
+is cleared before, and small fleets come before large ones, as a process keeps some of the memory that it once had.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ class FleetCost(NamedTuple):
     failed: int  # logs that did not come through wholly
     wall_s: float
     cpu_s: float  # of all processes
-    peak_mib: float  # largest resident memory of any one process
+    peak_mib: float  # largest resident memory of any one process during this run
     disk_mib: float  # of the workspace
 
 
@@ -52,18 +53,20 @@ def measure_fleets(
 ) -> list[FleetCost]:
     """Costs of fleets of so many logs of `seconds` each, in so many processes, the smallest in one process as well.
 
-    With `dask`, the address of a scheduler, the work goes to its cluster, whose number of workers counts.
+    With `dask`, the address of a scheduler, the work goes to its cluster, whose number of workers counts.  The smallest
+    fleet comes first.
     """
+    # the first run is not counted: it compiles, and loads in workers that outlive it, what later ones find there; so
+    # each worker is given two logs, the fewest of which one can be evaluated on the other
+    orders = [
+        (2 * max(len(_cluster_usage(dask)), 1), workers),
+        *([(min(counts), 1)] if workers > 1 and dask is None else []),
+        *((n, workers) for n in sorted(counts)),
+    ]
     with TemporaryDirectory() as name:
         home = Path(name)
-        logs = [_write_log(home, i, seconds) for i in range(max(counts))]
+        logs = [_write_log(home, i, seconds) for i in range(max(n for n, _ in orders))]
         found = list[FleetCost]()
-        # the first run compiles what later ones find, and is not counted
-        orders = [
-            (1, workers),
-            *([(min(counts), 1)] if workers > 1 and dask is None else []),
-            *((n, workers) for n in counts),
-        ]
         for k, (count, processes) in enumerate(orders):
             progress(k / len(orders), f"{count} logs in {processes} processes" if dask is None else f"{count} logs")
             found.append(_run_fleet(home, logs[:count], processes, dask, home / f"work_{k}"))
@@ -81,10 +84,11 @@ def _run_fleet(home: Path, logs: Sequence[Path], workers: int, dask: str | None,
     """Run `bcid fleet` on logs, and weigh it."""
     where = ["--jobs", str(workers)] if dask is None else ["--dask", dask]
     words = ["fleet", *map(str, logs), "--vehicle", str(home / VEHICLE_FILE), "--out", str(out), *where]
-    before = _cluster_usage(dask)
+    before = _cluster_usage(dask, clear_peak=True)
     run = run_and_weigh([sys.executable, "-m", "bcid", *words, "--format", "quiet"])
     after = _cluster_usage(dask)
-    on_cluster = sum(cpu for cpu, _ in after.values()) - sum(cpu for cpu, _ in before.values())
+    # a worker that was started anew meanwhile began with nothing
+    on_cluster = sum(cpu - before.get(worker, (0.0, 0.0))[0] for worker, (cpu, _) in after.items())
     peak = max([run.peak_mib, *(mib for _, mib in after.values())])
     rows = FleetDocument.read(out / "fleet.json").logs
     size = sum(path.stat().st_size for path in out.rglob("*") if path.is_file()) / 2**20
@@ -110,18 +114,28 @@ def run_and_weigh(command: list[str]) -> WeighedRun:
     return WeighedRun(os.waitstatus_to_exitcode(status), wall_s, cpu_s, usage.ru_maxrss / 1024.0)
 
 
-def _cluster_usage(dask: str | None) -> dict[str, tuple[float, float]]:
-    """CPU time (s) and largest resident memory (MiB) of each worker of a Dask cluster; empty without one."""
+def _cluster_usage(dask: str | None, clear_peak: bool = False) -> dict[str, tuple[float, float]]:
+    """CPU time (s) and largest resident memory (MiB) of each worker of a Dask cluster; empty without one.
+
+    With `clear_peak` what each had largest so far is forgotten, and what it has now counts from here on.
+    """
     if dask is None:
         return {}
     from distributed import Client
 
     with Client(dask, set_as_default=False) as client:  # type: ignore[no-untyped-call]
+        if clear_peak:
+            client.run(clear_peak_memory)
         return dict(client.run(process_usage))
 
 
+def clear_peak_memory() -> None:
+    """Let the largest resident memory of this process be what it has now, as Linux allows (proc_pid_clear_refs(5))."""
+    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+
+
 def process_usage() -> tuple[float, float]:
-    """CPU time (s) of this process, and its largest resident memory (MiB), as Linux tells it."""
+    """CPU time (s) of this process, and its largest resident memory (MiB) since `clear_peak_memory`, as Linux tells."""
     lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
     peak_kib = next(float(line.split()[1]) for line in lines if line.startswith("VmHWM"))
     return time.process_time(), peak_kib / 1024.0

@@ -28,7 +28,7 @@ class Pool(Protocol):
 
     @property
     def free(self) -> int:
-        """How many more calls can be done at the same time."""
+        """How many more calls can be done at the same time; on a cluster this asks its scheduler."""
 
     def submit(self, key: Any, call: Callable[[], Any]) -> None:
         """Let `call` be done; its result will be given under `key`."""
@@ -50,7 +50,7 @@ def run_jobs(
     `prepare(job)` returns the function that does a job, or None while the job may not begin (for example before
     another has ended).  Several processes ask again after every result.  Jobs begin in their order, so a job must
     come after those that it needs; jobs that still may not begin when no job runs are dropped.  A job whose process
-    dies is done once more; if it dies `LIMITS.max_deaths` times, its result is `lost(job)`.
+    dies is done once more; when `LIMITS.max_deaths` processes have died of it, its result is `lost(job)`.
 
     Raises:
         ProcessLost: the process of a job died so often, and `lost` is not given.
@@ -79,14 +79,7 @@ def run_jobs_in(
     waiting, running, deaths = list(enumerate(jobs)), dict[int, Job](), Counter[int]()
     with entered as pool:
         while True:
-            left = list[tuple[int, Job]]()
-            for number, job in waiting:
-                if pool.free > 0 and (call := prepare(job)) is not None:
-                    running[number] = job
-                    pool.submit(number, call)
-                else:
-                    left.append((number, job))
-            waiting = left
+            waiting = _begin_jobs(pool, waiting, prepare, running)
             if not running:
                 return
             for number, result in pool.next_results():
@@ -96,13 +89,35 @@ def run_jobs_in(
                 if not isinstance(result, Died):
                     yield job, result
                     continue
-                deaths[number] += 1
+                deaths[number] += result.deaths
                 if deaths[number] < LIMITS.max_deaths:
                     waiting.insert(0, (number, job))
                 elif lost is not None:
                     yield job, lost(job)
                 else:
+                    code = "" if result.code is None else f" (exit code {result.code})"
                     raise ProcessLost(
-                        f"{job}: its process died {deaths[number]} times (exit code {result.code}), out of memory or "
-                        "killed\n  next: give it fewer --workers, or look into the system's log"
+                        f"{job}: its process died {deaths[number]} times{code}, out of memory or killed\n"
+                        "  next: give it fewer --workers, or look into the system's log"
                     )
+
+
+def _begin_jobs(
+    pool: Pool, waiting: list[tuple[int, Job]], prepare: Callable[[Job], Callable[[], Result] | None],
+    running: dict[int, Job],
+) -> list[tuple[int, Job]]:  # fmt: skip
+    """Begin as many waiting jobs as there are free places, which adds them to `running`; the others still wait.
+
+    The pool is asked once, and no job is looked at when all places are taken, so that many jobs cost no more each.
+    """
+    free, left = pool.free, list[tuple[int, Job]]()
+    for place, (number, job) in enumerate(waiting):
+        if free <= 0:
+            return left + waiting[place:]
+        if (call := prepare(job)) is None:
+            left.append((number, job))
+            continue
+        running[number] = job
+        pool.submit(number, call)
+        free -= 1
+    return left

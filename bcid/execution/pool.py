@@ -7,7 +7,7 @@ import signal
 from collections.abc import Callable
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
-from pickle import PicklingError
+from multiprocessing.reduction import ForkingPickler
 from threading import Thread
 from types import TracebackType
 from typing import Any, NamedTuple, Self
@@ -18,9 +18,13 @@ Call = Callable[[], Any]
 
 
 class Died(NamedTuple):
-    """What is there in place of a result where the process died that was to give it; `code` is its exit code."""
+    """What is there in place of a result where the process died that was to give it, or `deaths` processes in turn.
+
+    `code` is the exit code of the last one, None where it is not known.
+    """
 
     code: int | None
+    deaths: int = 1
 
 
 class Raised(NamedTuple):
@@ -94,20 +98,21 @@ class WorkerPool:
 
     def _take_result(self, worker: _Worker) -> Any:
         """What the ended call of a worker gave; a worker that lives is free again."""
-        result: Any
         try:
-            result = worker.connection.recv() if worker.connection.poll() else None
-            lives = result is not None
+            sent = worker.connection.recv_bytes() if worker.connection.poll() else None
         except (EOFError, OSError):
-            lives = False
+            sent = None
         del self._busy[worker]
-        if not lives:
+        if sent is None:
             worker.process.join()
             code = worker.process.exitcode
             worker.end()
             return Died(code)
         self._idle.append(worker)
-        return result[0]
+        try:
+            return ForkingPickler.loads(sent)
+        except Exception as error:  # whatever it runs when it is put together may raise anything
+            return Raised(RuntimeError(f"a result of another process cannot be read: {_describe(error)}"))
 
 
 def _do_calls(connection: Connection) -> None:
@@ -117,22 +122,36 @@ def _do_calls(connection: Connection) -> None:
     use_one_thread()
     while True:
         try:
-            call = connection.recv()
-        except EOFError:
+            sent = connection.recv_bytes()
+        except (EOFError, OSError):  # the parent has ended
             return
-        try:
-            result = call()
-        except Exception as error:  # it is raised where the result is asked for
-            result = Raised(error)
-        _send(connection, result)
+        connection.send_bytes(_do_call(sent))
 
 
-def _send(connection: Connection, result: Any) -> None:
-    """Send a result, in a tuple of its own, so that nothing is a result as well; or why it cannot be sent."""
+def _do_call(sent: bytes) -> bytes:
+    """The result of a call, or why it has none, each as it is sent from one process to another."""
     try:
-        connection.send((result,))
-    except (PicklingError, TypeError, ValueError, AttributeError) as error:
-        connection.send((Raised(RuntimeError(f"a result cannot be sent to another process: {error}")),))
+        call: Call = ForkingPickler.loads(sent)
+    except Exception as error:  # imports, for example, may raise anything
+        return _pack(Raised(RuntimeError(f"a call cannot be read in another process: {_describe(error)}")))
+    try:
+        result = call()
+    except Exception as error:  # it is raised where the result is asked for
+        result = Raised(error)
+    try:
+        return _pack(result)
+    except Exception as error:  # a class may refuse to be sent in its own way
+        return _pack(Raised(RuntimeError(f"a result cannot be sent to another process: {_describe(error)}")))
+
+
+def _pack(result: Any) -> bytes:
+    """A result as it is sent to another process."""
+    return bytes(ForkingPickler.dumps(result))
+
+
+def _describe(error: Exception) -> str:
+    """The kind of an error, and what it says."""
+    return f"{type(error).__name__}: {error}"
 
 
 def use_one_thread() -> None:

@@ -22,7 +22,7 @@ from bcid.fleet.together import DiagnosedLog, diagnose_together
 from bcid.pipeline.takes import name_takes
 
 LOST = "its process died each time that it was tried: out of memory, or killed"
-FEWER_JOBS = "give it fewer --jobs, or look into the system's log"
+FEWER_JOBS = "give it fewer --jobs (or each machine of a cluster fewer workers), or look into the system's log"
 
 
 class FleetJob(NamedTuple):
@@ -65,12 +65,20 @@ class _Fleet:
         self._locked = set[tuple[str, int]]()
 
     def jobs(self) -> list[FleetJob]:
-        """All jobs: every log before any is waited for, then the evaluations in the same way."""
-        numbers, both = range(len(self.logs)), (False, True)
-        logs = [FleetJob("log", number, waits) for waits in both for number in numbers]
+        """All jobs in the order in which they begin: logs, evaluations, then those that were found locked, once more.
+
+        An evaluation that still needs a log which was found locked cannot begin, so that log is waited for before it.
+        """
         # a single log has no other that it could be tried on
-        evaluated = numbers if len(self.logs) > 1 and self.order.models else ()
-        return [*logs, *(FleetJob("evaluation", number, waits) for waits in both for number in evaluated)]
+        evaluated = len(self.logs) if len(self.logs) > 1 and self.order.models else 0
+        return [
+            job
+            for waits in (False, True)
+            for job in (
+                *(FleetJob("log", number, waits) for number in range(len(self.logs))),
+                *(FleetJob("evaluation", number, waits) for number in range(evaluated)),
+            )
+        ]
 
     def prepare(self, job: FleetJob) -> Callable[[], FleetLog | LogEvaluation | None] | None:
         """What does a job; None while it cannot begin, or where there is nothing to be waited for."""
