@@ -1,0 +1,105 @@
+"""Whether a Dask cluster makes of a fleet's logs what one machine makes, though one of its workers is killed.
+
+    python tests/measure_cluster.py FOLDER [LOGS] [SECONDS]
+
+simulates so many logs (64) of so many seconds (600) in FOLDER, takes them through everything by `bcid fleet --jobs 2`
+and on a cluster of two workers, of which one is killed with -9 after the first diagnosis, and compares all files of all
+artifacts by the hashes in their manifests.  It writes docs/results/fleet_cluster.json; the same command goes on where
+it was stopped.  Model cards, and pages, tell the command by which they were made, and are counted apart.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from bcid.bench.machine import describe_machine
+from clusters import run_cluster
+
+from bcid.bench.fleets import process_usage
+from bcid.documents.fleet import FleetDocument
+from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
+from bcid.simulation.samples import VEHICLE, VEHICLE_FILE, SampleTake, write_sample_take
+
+RESULT = Path(__file__).parents[1] / "docs" / "results" / "fleet_cluster.json"
+WORKERS = 2
+TELL_THE_COMMAND = ("model_card.json", ".html")
+"""Ends of the names of files that tell by which command, and when, they were made."""
+
+
+def write_logs(home: Path, count: int, seconds: float) -> None:
+    """Logs of a simulated car with what a real one has beside the paper's; those that are there stay."""
+    (home / "logs").mkdir(parents=True, exist_ok=True)
+    (home / VEHICLE_FILE).write_text(VEHICLE, encoding="utf-8")
+    for i in range(count):
+        name = f"log_{i:04d}"
+        if not (home / "logs" / f"{name}.mcap").exists():
+            write_sample_take(home / "logs", SampleTake(name, "mcap", seconds), Plant(**REAL_EXTRAS), Sensor(), 1 + i)
+
+
+def begin_fleet(home: Path, out: str, *where: str) -> subprocess.Popen[bytes]:
+    """A process that takes all logs through everything."""
+    words = ["fleet", "logs", "--vehicle", VEHICLE_FILE, "--out", out, *where, "--format", "quiet"]
+    return subprocess.Popen([sys.executable, "-m", "bcid", *words], cwd=home)
+
+
+def file_hashes(workspace: Path) -> dict[str, str]:
+    """The hash of each file of each artifact in a workspace, by stage, key and name."""
+    return {
+        f"{path.parent.relative_to(workspace).as_posix()}/{name}": sha256
+        for path in workspace.glob("*/*/manifest.json")
+        for name, sha256 in json.loads(path.read_text(encoding="utf-8"))["files"].items()
+    }
+
+
+def run_on_cluster(home: Path) -> dict[str, float]:
+    """The fleet on a cluster, one of whose workers is killed after the first diagnosis; what the run cost."""
+    from distributed import Client
+
+    begin, killed = time.monotonic(), False
+    with run_cluster(home, WORKERS, "--nthreads", "1") as cluster:
+        run = begin_fleet(home, "cluster", "--dask", cluster.address)
+        with Client(cluster.address, set_as_default=False) as client:  # type: ignore[no-untyped-call]
+            while run.poll() is None:
+                if not killed and any((home / "cluster").glob("diagnose/*/manifest.json")):
+                    pid = next(iter(client.run(os.getpid).values()))
+                    os.kill(pid, signal.SIGKILL)
+                    killed = True
+                time.sleep(1.0)
+            usage = list(client.run(process_usage).values())
+    return {
+        "exit": float(run.returncode), "killed": float(killed), "wall_s": round(time.monotonic() - begin, 1),
+        "peak_mib": round(max(mib for _, mib in usage), 1),
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Run the fleet both ways, and write how far the two are the same."""
+    home, count = Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 64
+    seconds = float(sys.argv[3]) if len(sys.argv) > 3 else 600.0
+    write_logs(home, count, seconds)
+    begin = time.monotonic()
+    local = begin_fleet(home, "local", "--jobs", str(WORKERS)).wait()
+    local_s = time.monotonic() - begin
+    on_cluster = run_on_cluster(home)
+    ours, theirs = file_hashes(home / "local"), file_hashes(home / "cluster")
+    differing = sorted(name for name in ours.keys() | theirs.keys() if ours.get(name) != theirs.get(name))
+    told = [name for name in differing if name.endswith(TELL_THE_COMMAND)]
+    states = [log.state for log in FleetDocument.read(home / "cluster" / "fleet.json").logs]
+    found = {
+        "logs": count, "seconds": seconds, "workers": WORKERS, "machine": describe_machine().as_json(),
+        "local": {"exit": local, "wall_s": round(local_s, 1)}, "cluster": on_cluster,
+        "done": states.count("done"), "files": len(ours), "files_that_tell_the_command": len(told),
+        "others_that_differ": [name for name in differing if name not in told],
+    }  # fmt: skip
+    RESULT.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    print(json.dumps(found, indent=1))  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()
