@@ -18,11 +18,11 @@ import sys
 import time
 from pathlib import Path
 
-from bcid.bench.machine import describe_machine
 from clusters import run_cluster
 
 from bcid.bench.fleets import process_usage
 from bcid.documents.fleet import FleetDocument
+from bcid.report.content import describe_machine
 from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
 from bcid.simulation.samples import VEHICLE, VEHICLE_FILE, SampleTake, write_sample_take
 
