@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis import summary
+from bcid.diagnosis.base_parameters import describe_base_parameters
 from bcid.diagnosis.diagnose import diagnose_recordings
 from bcid.diagnosis.reference import (
     identify_reference,
@@ -198,8 +196,7 @@ def test_what_has_gone_as_far_as_any_car_s_goes_is_told() -> None:
     phi[C_f], phi[scrub] = low[C_f], high[scrub]
     scales, tangent = Scales(np.ones(3), np.ones(3)), Tangent(np.empty(0), np.empty(0))
     fit = Fit(held, phi, np.empty(0), scales, 0.0, np.zeros(9), 1e-6 * np.eye(len(phi)), tangent)
-    found: Any = SimpleNamespace(fit=fit)
-    rows = {row.symbol: row for row in summary._base_parameters(found)}
+    rows = {row.symbol: row for row in describe_base_parameters(fit)}
     assert [s for s, row in rows.items() if row.at_bound] == ["C_f", "yaw_scrub.c"]
     assert list(rows)[-2:] == ["motor_lag.tau", "yaw_scrub.c"]
     assert rows["motor_lag.tau"].value == pytest.approx(0.06)
@@ -213,7 +210,6 @@ def test_the_gain_of_raw_commands_is_told_once(assumed: tuple[str, ...]) -> None
     phi = held.phi_of(CAR, [0.03])
     scales, tangent = Scales(np.ones(3), np.ones(3)), Tangent(np.empty(0), np.empty(0))
     fit = Fit(held, phi, np.empty(0), scales, 0.0, np.zeros(9), 1e-6 * np.eye(len(phi)), tangent)
-    found: Any = SimpleNamespace(fit=fit)
-    in_base = [row.symbol for row in summary._base_parameters(found) if row.symbol == "steering_scale.g"]
+    in_base = [row.symbol for row in describe_base_parameters(fit) if row.symbol == "steering_scale.g"]
     assert in_base == ["steering_scale.g"] * len(assumed)
     assert fitted_corrections(fit) == (() if assumed else ("steering_scale",))
