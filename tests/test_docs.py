@@ -205,8 +205,7 @@ def to_ten_digits(data: Any) -> Any:
     return float(f"{data:.10g}") if isinstance(data, float) else data
 
 
-@pytest.mark.parametrize("name", ["prove.json", "prove_part.json"])
-def test_the_blind_test_s_figures_follow_from_its_rows(name: str) -> None:
+def test_the_blind_test_s_figures_follow_from_its_rows() -> None:
     """And its seals hold the answers of its seed."""
     from bcid.proof.blind.blind_test import BlindTest, SuiteSizes
     from bcid.proof.blind.run_cases import case_truth
@@ -215,8 +214,8 @@ def test_the_blind_test_s_figures_follow_from_its_rows(name: str) -> None:
     from bcid.proof.scores.outcome import blind_outcome
 
     results = DOCS / "results"
-    folder = results / name.removesuffix(".json").replace("prove", "proof")
-    told = json.loads((results / name).read_text(encoding="utf-8"))
+    folder = results / "proof"
+    told = json.loads((results / "prove.json").read_text(encoding="utf-8"))
     seals = json.loads((folder / SEALS_FILE).read_text(encoding="utf-8"))
     cases = BlindTest(told["seed"], told["salt"], sizes=SuiteSizes.of_stored_run(told["sizes"])).cases
     assert {case.name: answer_seal(case, told["salt"]) for case in cases} == seals["cases"]
@@ -281,10 +280,9 @@ def test_the_readme_is_a_door() -> None:
 
 def test_the_readme_s_trust_is_what_was_counted() -> None:
     readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-    runs = [ProveDocument.read(DOCS / "results" / f"{name}.json") for name in ("prove", "prove_part")]
-    right, n = (sum(getattr(run.pooled, key) for run in runs) for key in ("right", "n"))
-    assert f"{right} of {n} takes are answered rightly" in readme
-    of_nothing = [t for run in runs for t in run.tiers if t.tier in ("null", "null-imperfect")]
+    proof = ProveDocument.read(DOCS / "results" / "prove.json")
+    assert f"{proof.pooled.right} of {proof.pooled.n} takes are answered rightly" in readme
+    of_nothing = [t for t in proof.tiers if t.tier in ("null", "null-imperfect")]
     named = sum(round((t.false or 0.0) * t.n) for t in of_nothing)
     assert f"{named} of {sum(t.n for t in of_nothing)} get a name" in readme
     parameters = json.loads((DOCS / "results" / "parameters.json").read_text(encoding="utf-8"))

@@ -51,11 +51,9 @@ from bcid.report.proof_page import write_proof_page
 from bcid.vehicle import read_vehicle
 from bcid.virtual_lab import TUNING, record_drive, simulated_vehicle
 
-NOT_DRAWN_YET = {"steering_friction"}  # in the suite with the next sealed run
-
 
 def test_every_effect_of_the_vocabulary_can_be_concealed() -> None:
-    assert set(SIZE_RANGES) == set(EFFECTS) - NOT_DRAWN_YET
+    assert set(SIZE_RANGES) == set(EFFECTS)
     assert set(MEASUREMENT_EFFECTS) == {n for n, e in EFFECTS.items() if e.kind == "measurement"}
     for name, range_of_sizes in SIZE_RANGES.items():
         assert range_of_sizes.low <= EFFECTS[name].parameters[0].size <= range_of_sizes.high, name
@@ -521,7 +519,7 @@ def test_all_that_is_asked_for_is_in_the_suite() -> None:
         "small-exact", "small-plus", "small-null", "small-wrong", "small-outside",
         "other-laws", "other-laws-less", "other-day", "other-day-less",
     } <= tiers_there  # fmt: skip
-    assert {c.answer[0] for c in whole if c.tier == "single"} == set(EFFECTS) - NOT_DRAWN_YET
+    assert {c.answer[0] for c in whole if c.tier == "single"} == set(EFFECTS)
     assert len({c.answer[0] for c in whole if c.tier == "outside"}) >= 12
     assert all(
         set(EXACT_EQUIVALENTS["pose_latency"]) <= set(c.left_out)

@@ -328,9 +328,7 @@ def test_the_tiers_of_small_cars_are_what_they_are_called() -> None:
     assert (
         {c.answer[0] for c in tier("small-exact")} == {c.answer[0] for c in tier("small-wrong")} == set(NAMED_CONSTANTS)
     )
-    # no motor of a force regenerates; the friction is in the suite with the next sealed run
-    left_out = {"motor_regeneration", "steering_friction"}
-    assert {c.answer[0] for c in tier("small-plus")} == set(SMALL_SIZES) == set(EFFECTS) - left_out
+    assert {c.answer[0] for c in tier("small-plus")} == set(SMALL_SIZES) == set(EFFECTS) - {"motor_regeneration"}
     for case in tier("small-exact"):
         (effect,) = case.withheld
         assert differences(case) == set()

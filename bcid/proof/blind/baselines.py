@@ -74,7 +74,7 @@ class ResidualData(NamedTuple):
 
 
 def regress_sparsely(residual: ResidualData) -> MethodAnswer:
-    """Sparse regression (STLSQ of SINDy, by pysindy) of the base model's disturbances on the forces of 14 effects.
+    """Sparse regression (STLSQ of SINDy, by pysindy) of the base model's disturbances on the forces of 15 effects.
 
     Disturbances are accelerations of the body, constant over 0.5 s, that the base model's fit needs to follow the
     recorded motion.  Regressors are scaled to RMS 1; the answer names the effect with the largest coefficient that is
@@ -121,6 +121,7 @@ def _mechanism_accelerations(residual: ResidualData) -> tuple[list[str], Floats]
         "front_coulomb_friction": at_front(-np.tanh(v_fx / c.v_c)),
         "quadratic_drag": (-speed * v_x, -speed * v_y, nothing),
         "steering_drag": at_front(-np.abs(delta) * v_fx),
+        "steering_friction": at_front(-np.abs(delta) * np.tanh(v_fx / c.v_c)),
         "floor_slope": (np.cos(m["theta"]), -np.sin(m["theta"]), nothing),
         "yaw_scrub": (nothing, nothing, -omega),
         "yaw_coulomb": (nothing, nothing, -np.tanh(omega / c.w_c)),

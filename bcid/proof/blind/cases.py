@@ -26,7 +26,7 @@ from bcid.proof.blind.tricycle_suite import draft_tricycle_cases
 FAMILIES = {
     "fx": (
         "rear_rolling_coulomb", "rear_rolling_viscous", "front_coulomb_friction", "quadratic_drag",
-        "rear_drag_asymmetry", "steering_drag", "rough_patch", "floor_slope", "tether_pull",
+        "rear_drag_asymmetry", "steering_drag", "steering_friction", "rough_patch", "floor_slope", "tether_pull",
     ),
     "mz": ("yaw_scrub", "yaw_coulomb", "drive_lateral_offset", "rear_drag_asymmetry"),
     "fy": (

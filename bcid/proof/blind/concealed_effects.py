@@ -34,6 +34,7 @@ SIZE_RANGES: dict[str, SizeRange] = {
     "quadratic_drag": SizeRange("quadratic_drag", "k", 6, 18),
     "rear_drag_asymmetry": SizeRange("rear_drag_asymmetry", "b", 7, 22, signed=True),
     "steering_drag": SizeRange("steering_drag", "k", 12, 40),
+    "steering_friction": SizeRange("steering_friction", "c", 10, 40),
     "rough_patch": SizeRange("rough_patch", "b", 16, 45),
     "floor_slope": SizeRange("floor_slope", "g", 0.02, 0.06),
     "tether_pull": SizeRange("tether_pull", "k", 5, 15),
@@ -144,7 +145,7 @@ def draw_size(size: SizeRange, rng: np.random.Generator, factor: float = 1.0, la
 def draw_concealed_effect(
     effect: str, rng: np.random.Generator, duration: float, factor: float = 1.0
 ) -> ConcealedEffect:
-    """Draw the parameters of one of the 41 effects: size, and where it has them, sign and place or time.
+    """Draw the parameters of one of the effects of the vocabulary: size, and where it has them, sign and place or time.
 
     The size is log-uniform in its range in SIZE_RANGES, times `factor`.  Directions, circles on the floor and anchors
     of a cable are uniform; a change of mass happens at 0.3 to 0.7 of `duration` (s).

@@ -45,6 +45,7 @@ SMALL_SIZES: dict[str, ScaledSize] = {
     "quadratic_drag": ScaledSize(0.17, 0.45, kg=1, symbol="k"),
     "rear_drag_asymmetry": ScaledSize(0.06, 0.15, kg=1, signed=True, symbol="b"),
     "steering_drag": ScaledSize(0.17, 0.45, kg=1, symbol="k"),
+    "steering_friction": ScaledSize(0.2, 0.5, kg=1, symbol="c"),
     "rough_patch": ScaledSize(0.12, 0.4, kg=1, symbol="b"),
     "floor_slope": ScaledSize(0.045, 0.12, symbol="g"),
     "tether_pull": ScaledSize(0.05, 0.15, kg=1, symbol="k"),
