@@ -71,7 +71,7 @@ class ScoreLimits:
     # diagnosis reports three twins at most; docs/results/prove.json has 1.02 names on average.
     max_names_per_effect: int = 4
     # Probability of as few right answers, were all goals just met, below which a short run misses its goals.
-    # docs/results/prove_quick.json would fail with 12 or fewer of its 18 takes right.
+    # docs/results/prove_quick.json would fail with 13 or fewer of its 20 takes right.
     refuting_p: float = 0.01
     # Level at which p-values of takes of nothing are counted; their share should equal it.  docs/results/prove.json has
     # 0.037, 95 % interval 0.018 to 0.065, of 300 takes.
