@@ -10,7 +10,7 @@ from concealed import concealing
 
 from bcid.aliases import Floats
 from bcid.diagnosis.remainder.evidence import Quadratic
-from bcid.diagnosis.remainder.explain import basis_for
+from bcid.diagnosis.remainder.explain import basis_for, explain, explained_by_chance
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
 from bcid.likelihood.marginal import NU
@@ -200,3 +200,28 @@ def test_functions_on_the_body_may_be_others_without_new_derivatives(
     weights = np.linspace(0.5, 1.0, len(whole.names))
     for one, other in zip(whole.with_functions(less, fit.car()).weigh(weights), anew.weigh(weights), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9)
+
+
+def test_functions_of_other_segments_have_their_values(fitted: tuple[Fit, Take]) -> None:
+    fit, take = fitted
+    basis = basis_for(fit, take)
+    at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
+    order = np.roll(np.arange(take.segments), 3)
+    elsewhere, M = at.carried_elsewhere(order), len(basis.tracking)
+    forces = elsewhere.values[:, : elsewhere.values.shape[1] - M]
+    np.testing.assert_array_equal(forces[3], at.values[0, : forces.shape[1]])
+    assert not elsewhere.values[:, forces.shape[1] :].any()
+    np.testing.assert_array_equal(elsewhere.carrier_slopes, at.carrier_slopes)
+
+
+def test_what_is_missing_exceeds_what_chance_explains_and_what_is_not_does_not() -> None:
+    """Without the drag that the car has, and with it; once in nine times chance is exceeded by chance."""
+    fit, take = concealing(60.0, yaw_scrub=20.0)
+    basis = basis_for(fit, take)
+    assert explain(fit, take, basis).nats > 2.0 * explained_by_chance(fit, take, basis)
+    beyond = []
+    for seed in range(6):
+        fit, take = concealing(60.0, seed=seed)
+        basis = basis_for(fit, take)
+        beyond.append(explain(fit, take, basis).nats > explained_by_chance(fit, take, basis))
+    assert sum(beyond) <= 2

@@ -32,6 +32,7 @@ def test_what_is_left_counts_beyond_chance_only() -> None:
         assert found.unknown_nats == unknown
     louder = chance()._replace(placebos=[CandidateEffect("rear_toe", [0.0], GATE + 5.0)])
     assert found._replace(nulls=louder).unknown_nats == 0.0
+    assert found._replace(chance=GATE + 5.0).unknown_nats == 0.0
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ import numpy as np
 from bcid.aliases import Floats, Ints
 from bcid.diagnosis.remainder.evidence import Quadratic
 from bcid.diagnosis.remainder.functions import RemainderBasis
-from bcid.likelihood.force_history import history_values
+from bcid.likelihood.force_history import ACTIONS, history_values
 from bcid.likelihood.hypothesis import NO_REMAINDER, Hypothesis
 from bcid.likelihood.jacobian import changed_cars, on_body_and_servo, parameter_jacobian
 from bcid.likelihood.marginal import MarginalTerms, estimate_scales, robust_weights, segment_moments
@@ -87,6 +87,16 @@ class TakeInformation(NamedTuple):
         """The products for another `basis`, whose functions in the tracking are the same; the model holds none."""
         values = _carried_values(basis, self.along, car)
         return self._replace(values=values, c=np.zeros(values.shape[2]))
+
+    def carried_elsewhere(self, order: Ints) -> TakeInformation:
+        """The products with the forces of segment s as functions of what the segment `order[s]` went through.
+
+        What such functions explain they explain by chance; those in the tracking do nothing.
+        """
+        H, B = self.along.shape[1] * ACTIONS, self.values.shape[2]
+        moved = np.zeros_like(self.values)
+        moved[:, :H, :B] = self.values[order, :H]
+        return self._replace(values=moved)
 
     def with_residual(self, r: Floats) -> TakeInformation:
         """What this fit would say of a take whose residual were `r` (N, 3, over the noise), its names at their prior.

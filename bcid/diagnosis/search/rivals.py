@@ -6,7 +6,8 @@ from typing import NamedTuple
 from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.search import refits
 from bcid.diagnosis.search.place_search import refine_places
-from bcid.diagnosis.search.screen import screen_effects
+from bcid.diagnosis.search.screen import CandidateEffect, screen_effects
+from bcid.effects.table import ENTRIES
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.score_test import TrialChanges
@@ -66,16 +67,35 @@ def _refit_exchanges(fit: Fit, take: Take, trials: TrialChanges, without: dict[s
     """Refits with one named effect of `fit` exchanged for another, by penalised log-likelihood, best first.
 
     `without` holds the refit without each named effect, by its id.  Into each come the effects that a score test
-    beside that refit promises most; `trials` holds the changes of predicted poses by them.
+    beside that refit promises most, and those that may look like it; `trials` holds the changes of predicted poses by
+    them.
     """
     held, found = fit.hypothesis.effects, list[Fit]()
-    for less in without.values():
-        lost_nats = refits.gain_nats(fit, less)
-        near = SEARCH_LIMITS.near_best_share * lost_nats
+    for name, less in without.items():
+        near = SEARCH_LIMITS.near_best_share * refits.gain_nats(fit, less)
         candidates = screen_effects(less, take, trials.without(held))
-        for candidate in candidates[: SEARCH_LIMITS.max_exchanges]:
-            if candidate.score > near:
-                quick = none_if_diverged(refits.refit_along_tangent, less, take, candidate)
-                if quick:
-                    found.append(refits.refit_fully(quick, take) if refits.gain_nats(fit, quick) < near else quick)
+        promising = [c for c in candidates[: SEARCH_LIMITS.max_exchanges] if c.score > near]
+        # what it may look like is tried whatever a score test says, which sees no base parameter leave its bound
+        alike = [c for c in candidates if c not in promising and c.effect in look_alikes(name)]
+        for candidate in (*promising, *alike):
+            exchanged = _refit_exchange(less, take, candidate)
+            found += [exchanged] if exchanged else []
     return refits.rank_credible_fits(found, take)
+
+
+def _refit_exchange(less: Fit, take: Take, candidate: CandidateEffect) -> Fit | None:
+    """The fit `less` with a `candidate` effect, refitted quickly and then fully; None where predictions diverge.
+
+    Where a quick refit has led to where the take is less likely than without the effect, it begins anew from there.
+    """
+    quick = none_if_diverged(refits.refit_along_tangent, less, take, candidate)
+    found = refits.refit_fully(quick, take) if quick else None
+    if found and refits.gain_nats(found, less) > 0.0:
+        return found
+    effects = (*less.hypothesis.effects, candidate.effect)
+    return none_if_diverged(refits.refit_with_effects, less, take, effects, candidate.values)
+
+
+def look_alikes(name: str) -> set[str]:
+    """The effects that a recording may not tell from the one called `name`, as either's entry in the table says."""
+    return {*ENTRIES[name].looks_like, *(other for other, entry in ENTRIES.items() if name in entry.looks_like)}

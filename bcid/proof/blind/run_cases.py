@@ -103,8 +103,9 @@ def run_blind_case(case: BlindCase, with_baselines: bool = False) -> dict[str, A
     """
     files = case.lab_files
     row, diagnosis = diagnose_concealed_drive(
-        case.simulate(), case.rate_hz, case.left_out, case.nameable_effects, files.vehicle, files.simulation
-    )
+        case.simulate(), case.rate_hz, case.left_out, case.nameable_effects, files.vehicle, files.simulation,
+        tuple(case.also),
+    )  # fmt: skip
     if with_baselines:
         from bcid.proof.blind.baselines import run_baselines
 
