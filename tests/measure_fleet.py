@@ -112,19 +112,15 @@ def main() -> None:
     folder, fleets = Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 20
     workers = int(sys.argv[3]) if len(sys.argv) > 3 else 1
     folder.mkdir(parents=True, exist_ok=True)
-    code, numbers = code_digest([*ROW_MODULES, "bcid.diagnosis.summary"]), range(fleets)
-    cases = {
-        (number, log): case
-        for number in (*numbers, *(WITHOUT + number for number in numbers))
-        for log, case in enumerate(draw_fleet(number))
-    }
+    numbers = [*range(fleets), *range(WITHOUT, WITHOUT + fleets)]
+    code = code_digest([*ROW_MODULES, "bcid.diagnosis.summary"])
+    cases = {(number, log): case for number in numbers for log, case in enumerate(draw_fleet(number))}
     keys, rows = {job: f"{case.digest()}.{code}" for job, case in cases.items()}, read_rows(folder)
     jobs = [job for job, key in keys.items() if key not in rows]
     for job, row in run_jobs(jobs, lambda job: partial(diagnose_log, cases[job]), workers):
         append_row(row, keys[job], folder)
         rows[keys[job]] = row
-    drawn = [[rows[keys[number, log]] for log in range(LOGS)] for number in dict.fromkeys(n for n, _ in cases)]
-    judged = [judge_fleet(rows_of_fleet) for rows_of_fleet in drawn]
+    judged = [judge_fleet([rows[keys[number, log]] for log in range(LOGS)]) for number in numbers]
     with_one, without = judged[:fleets], judged[fleets:]
     figures = {
         "fleets": fleets, "code": code,

@@ -10,11 +10,11 @@ from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import pytest
 from clusters import run_cluster
+from pools import FakePool
 
 from bcid.errors import UsageError
 from bcid.execution import cluster as cluster_module
@@ -74,20 +74,12 @@ def make_unreadable() -> Unreadable:
     return Unreadable()
 
 
-class CountedPool:
+class CountedPool(FakePool):
     """Two places, each of whose calls is done when results are waited for; it counts how often it is asked."""
 
     def __init__(self) -> None:
         self.size, self.asked = 2, 0
         self._waiting: list[tuple[Any, Callable[[], Any]]] = []
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Nothing is left to be ended."""
 
     @property
     def free(self) -> int:

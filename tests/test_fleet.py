@@ -12,10 +12,10 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import pytest
+from pools import FakePool
 
 from bcid.documents.fleet import FleetDocument, FleetLog, KeptArtifact
 from bcid.errors import InputRefused
@@ -159,20 +159,12 @@ def test_a_locked_log_is_put_off_and_come_back_to(
     assert artifacts(tmp_path).items() >= {k: v for k, v in one_by_one.items() if key in k}.items()
 
 
-class ToldPool:
+class ToldPool(FakePool):
     """One place whose calls are told, not done, and give made-up rows; the log a is locked until it is waited for."""
 
     def __init__(self) -> None:
         self.size, self.told = 1, list[str]()
         self._result = list[tuple[Any, Any]]()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Nothing is left to be ended."""
 
     @property
     def free(self) -> int:

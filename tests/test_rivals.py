@@ -142,7 +142,7 @@ def test_what_was_fitted_already_is_not_refitted(monkeypatch: pytest.MonkeyPatch
 def test_an_effect_is_exchanged_for_what_may_explain_a_fair_share_of_it(
     score: float, tried: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of what the refit without it loses; the most promising, a few of them at most, and all that look like it."""
+    """What explains a share of what is lost without the name is tried, if among the first; look-alikes always are."""
     held, less = fit(100.0, "yaw_scrub", "motor_sag"), fit(20.0, "motor_sag")
     near = 80.0 * SEARCH_LIMITS.near_best_share
     names = ["yaw_coulomb", "rear_toe", "floor_slope", "quadratic_drag"]

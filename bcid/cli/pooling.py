@@ -78,19 +78,18 @@ def pool(
     with sink.stage("pool"):
         pooled = pool_car([each.summary for each in fitted], own or ["mass"])
         document = describe_pool(pooled, fitted, compared, work.vehicle)
-    for other in MODEL_FILES:
+    for file in MODEL_FILES:
         # with --force: what is said there of another model is not true of this one
-        if other != FILES[0]:
-            (home / other).unlink(missing_ok=True)
+        if file not in (FILES[0], SEEN_TAKES):
+            (home / file).unlink(missing_ok=True)
+    seen = [work.takes.steps(path) for path in paths]
     writers = {
         RESULT: document.write,
         f"{MODELS_FOLDER}/{MODEL}/{FILES[0]}": lambda path: save_pooled_model(
             pooled, config.estimate.period_s, path.parent
         ),
+        f"{MODELS_FOLDER}/{MODEL}/{SEEN_TAKES}": lambda path: save_seen_takes(seen, path.parent),
     }
-    writers[f"{MODELS_FOLDER}/{MODEL}/{SEEN_TAKES}"] = lambda path: save_seen_takes(
-        [work.takes.steps(recording) for recording in paths], path.parent
-    )
     renew_results(config.workspace, writers, force)
     sink.result(document.as_json(), lambda: _tables(document))
     sink.note(f"the car of all: {home}\nwritten to: {config.workspace / RESULT}")

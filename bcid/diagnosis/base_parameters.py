@@ -1,5 +1,7 @@
 """The parameters of a diagnosis's base model as they are written: those of its fit, and what the take alone shows."""
 
+import math
+
 import numpy as np
 
 from bcid.aliases import Floats
@@ -8,9 +10,8 @@ from bcid.documents import diagnosis as written
 from bcid.effects.table import effect_ids
 from bcid.likelihood.hypothesis import DRAG
 from bcid.likelihood.refit import Fit
+from bcid.likelihood.without_prior import LEAST_INFORMATION, take_away_prior
 from bcid.models.newton_euler.parameters import constant_units
-
-LEAST_INFORMATION = 1e-9  # of a direction of phi beside the best known one: rounding may leave less than none
 
 
 def describe_base_parameters(fit: Fit) -> list[written.BaseParameter]:
@@ -24,24 +25,14 @@ def describe_base_parameters(fit: Fit) -> list[written.BaseParameter]:
     se = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     units, scales = constant_units(car), hypothesis.units_at(fit.phi)
     stuck = hypothesis.is_at_bound(fit.phi).tolist()
-    change, se_alone = (
-        without_trust(fit) if hypothesis.trusted_simulation is not None else (se, np.full_like(se, np.inf))
-    )
-    own = []
-    for k, s in enumerate((*hypothesis.log_parameters, *DRAG)):
-        value, scale, is_drag = float(getattr(car, s)), float(scales[k]), s in DRAG
-        shown = [bool(e < SUMMARY_LIMITS.max_relative_se or is_drag) for e in (se[k], se_alone[k])]
-        alone = None
-        if shown[1] and np.isfinite(se_alone[k]) and not stuck[k]:
-            there = value + scale * change[k] if is_drag else value * np.exp(change[k])
-            error = abs(scale if is_drag else there) * se_alone[k]
-            alone = written.Quantity(value=float(there), se=float(error), unit=units[s])
-        own.append(
-            written.BaseParameter(
-                symbol=s, value=value, se=float(abs(scale) * se[k]), unit=units[s], shown=shown[0], at_bound=stuck[k],
-                of_recording=alone,
-            )
-        )  # fmt: skip
+    alone = _describe_take_alone(fit) if hypothesis.trusted_simulation is not None else {}
+    own = [
+        written.BaseParameter(
+            symbol=s, value=getattr(car, s), se=float(abs(scale) * e), unit=units[s],
+            shown=bool(e < SUMMARY_LIMITS.max_relative_se or s in DRAG), at_bound=at_end, of_recording=alone.get(s),
+        )
+        for s, scale, e, at_end in zip((*hypothesis.log_parameters, *DRAG), scales, se, stuck, strict=False)
+    ]  # fmt: skip
     return own + [
         written.BaseParameter(
             symbol=field.replace("__", "."), value=values[field][0], se=values[field][1], unit=p.unit, at_bound=at_end
@@ -49,6 +40,24 @@ def describe_base_parameters(fit: Fit) -> list[written.BaseParameter]:
         for (field, p), at_end in zip(hypothesis.effect_parameters, stuck[hypothesis.base_size :], strict=True)
         if effect_ids([field])[0] in hypothesis.assumed
     ]
+
+
+def _describe_take_alone(fit: Fit) -> dict[str, written.Quantity]:
+    """The base parameters as the take alone shows them, by symbol, of those that it shows and that are at no bound."""
+    car, hypothesis = fit.car(), fit.hypothesis
+    units, found = constant_units(car), dict[str, written.Quantity]()
+    changes, errors = (vector.tolist() for vector in without_trust(fit))
+    scales, stuck = hypothesis.units_at(fit.phi).tolist(), hypothesis.is_at_bound(fit.phi).tolist()
+    for s, change, error, scale, at_end in zip(
+        (*hypothesis.log_parameters, *DRAG), changes, errors, scales, stuck, strict=False
+    ):
+        if at_end or (s not in DRAG and error >= SUMMARY_LIMITS.max_relative_se):
+            continue
+        # all but drag are logarithms
+        value = getattr(car, s) + scale * change if s in DRAG else getattr(car, s) * math.exp(change)
+        size = abs(scale if s in DRAG else value)
+        found[s] = written.Quantity(value=value, se=size * error, unit=units[s])
+    return found
 
 
 def without_trust(fit: Fit) -> tuple[Floats, Floats]:
@@ -59,7 +68,6 @@ def without_trust(fit: Fit) -> tuple[Floats, Floats]:
     error that is large.
     """
     prior = fit.hypothesis.prior(fit.phi)
-    information = np.linalg.pinv(fit.covariance, hermitian=True) - np.diag(prior.stiffness(fit.phi))
-    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    values, vectors = take_away_prior(fit.covariance, prior.stiffness(fit.phi))
     covariance = (vectors / np.maximum(values, LEAST_INFORMATION * values.max())) @ vectors.T
     return -covariance @ prior.slope(fit.phi), np.sqrt(np.diag(covariance))

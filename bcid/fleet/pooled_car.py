@@ -17,8 +17,8 @@ from bcid.aliases import Floats
 from bcid.errors import UsageError
 from bcid.fleet.pooling import Pooled, Summary, pool
 from bcid.likelihood.hypothesis import DRAG
-from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.refit import Fit
+from bcid.likelihood.without_prior import take_away_prior
 from bcid.physics.car import Car
 
 FORCES = ("F_m_max", "K_t", "K_b", "K_v", "C_f", "C_r", "F_f_max", "F_r_max", *DRAG)
@@ -34,8 +34,6 @@ FIRST_SPREAD = 0.2
 """Standard deviation, relative, of what differs, from which its likeliest one is sought."""
 FIRST_SCATTER = 0.05
 """That of a constant by itself: what a fit that lacks physics makes of another drive."""
-LEAST_INFORMATION = 1e-9
-"""Eigenvalue of a recording's information, as a share of the largest, below which it counts as none."""
 TINY = 1e-9
 """Drag (SI) below which a car is taken to have none, where a share of it is meant."""
 
@@ -83,10 +81,7 @@ class PooledCar:
 def summarise_fit(fit: Fit) -> CarSummary:
     """What the recording of a fit of the base model says of its constants, without the prior of the fit."""
     hypothesis, n = fit.hypothesis, fit.hypothesis.base_size
-    precision = np.linalg.inv(fit.covariance[:n, :n]) - np.eye(n) / LIKELIHOOD_LIMITS.base_prior_sd**2
-    values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
-    # a constant that the drive does not show has no information, and rounding may leave less than none
-    values = np.where(values > LEAST_INFORMATION * values.max(), values, 0.0)
+    values, vectors = take_away_prior(fit.covariance[:n, :n], hypothesis.prior(fit.phi).stiffness(fit.phi)[:n])
     units = np.r_[np.ones(n - len(DRAG)), hypothesis.drag_units]
     information = (vectors * values) @ vectors.T / np.outer(units, units)
     # a constant that ended at a bound is no optimum, and says nothing
