@@ -7,16 +7,15 @@ import pytest
 from bcid.diagnosis.diagnose import fit_base_model
 from bcid.diagnosis.search.refits import gain_nats, refit_from_large_sizes
 from bcid.diagnosis.search.screen import screen_effects, simulate_trials
-from bcid.proof.blind.blind_test import BlindTest, SuiteSizes
 from bcid.proof.blind.diagnose_case import estimate_concealed_drive
+from bcid.proof.blind.other_suite import draft_other_cases
 from bcid.virtual_lab import read_vehicle_text, record_drive
 
 
 @pytest.mark.slow
 def test_a_dead_zone_that_a_weaker_motor_imitates_is_found_from_a_large_size() -> None:
-    cases = BlindTest(90421, "", False, SuiteSizes(every=20)).cases
-    case = next(c for c in cases if c.name == "other-day-less-1361")
-    assert case.answer == ("motor_dead_zone",)
+    drawn = (draw_case(90421, 1361) for draw_case in draft_other_cases(0, 40))
+    case = next(case for case in drawn if case.answer == ("motor_dead_zone",))
     files = case.lab_files
     vehicle = read_vehicle_text(files.vehicle)
     recording = record_drive(case.simulate(), case.rate_hz, vehicle, "concealed")
