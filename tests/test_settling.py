@@ -14,7 +14,7 @@ from bcid.likelihood.predict import predict_poses
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.refit_state import RefitProblem, RefitState, promised_to_all
 from bcid.likelihood.settling import SETTLED_NATS
-from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START, Take
+from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START, Take, pad_with_zero_pushes
 
 PUSHES = (0.8, 0.8, 2.0)  # m/s^2, m/s^2, rad/s^2
 
@@ -67,6 +67,50 @@ def test_segments_settle_under_the_pushes_that_were_there(pushed_drive: tuple[Fi
     assert np.sqrt(np.mean(r**2, axis=0)) == pytest.approx(fit.scales.r, rel=0.3)
     found, there = state.start[:, N_START:], true[:, N_START:]
     assert np.corrcoef(found.ravel(), there.ravel())[0, 1] > 0.95
+
+
+def test_a_car_that_spins_is_followed_from_its_poses_alone(pushed_drive: tuple[Fit, Take, np.ndarray]) -> None:
+    """Its rear tyres hold a tenth: where it is after a second says nothing of where it began until it is followed."""
+    fit, take, pushed = pushed_drive
+    car = fit.car()
+    phi = fit.hypothesis.phi_of(car._replace(F_r_max=0.1 * car.F_r_max), [])
+    inputs = fit.hypothesis.prediction_inputs(phi, take)
+    poses = np.asarray(predict_poses(segment_layout(take), pushed, *inputs.kernel_arguments))
+    spinning = take._replace(pose=poses + np.random.default_rng(5).standard_normal(poses.shape) * fit.scales.r)
+    spinning = spinning._replace(start=pad_with_zero_pushes(rough_beginnings(spinning)))
+    found, true = (settle(fit, spinning, phi, start) for start in (spinning.start, pushed))
+    assert found.worth == pytest.approx(true.worth, abs=1.0)
+    np.testing.assert_array_less(found.terms.chi2, 2.0 * found.terms.numbers)
+
+
+def rough_beginnings(take: Take) -> np.ndarray:
+    """The initial states (S, N_START) that straight lines through the first poses of each segment give."""
+    begun = np.zeros((take.segments, N_START))
+    for s, (first, after) in enumerate(zip(take.first[:-1], take.first[1:], strict=True)):
+        time_s = take.seen_rows.time_s[first:after] + take.zero_s[s] - take.begin_s[s]
+        x, y, yaw = (np.polyfit(time_s[:5], take.pose[first : first + 5, c], 1) for c in range(3))
+        c, sn = np.cos(yaw[1]), np.sin(yaw[1])
+        begun[s] = x[1], y[1], yaw[1], c * x[0] + sn * y[0], c * y[0] - sn * x[0], yaw[0]
+    return begun
+
+
+@pytest.mark.parametrize("share", [1.0 / 3.0, 0.5, 1.0])
+def test_the_beginnings_of_a_take_are_its_first_rows(base: tuple[Fit, Take], share: float) -> None:
+    take = base[1]
+    begun = take.beginnings(share)
+    kept = np.concatenate([np.arange(a, a + np.ceil(share * (b - a)), dtype=int) for a, b in pairs_of(take.first)])
+    np.testing.assert_array_equal(begun.pose, take.pose[kept])
+    np.testing.assert_array_equal(begun.seen_rows.time_s, take.seen_rows.time_s[kept])
+    np.testing.assert_allclose(np.bincount(begun.row, begun.share), 1.0)
+    fit = base[0]
+    whole = pose_residuals(take, fit.hypothesis.prediction_inputs(fit.phi, take), fit.start)
+    part = pose_residuals(begun, fit.hypothesis.prediction_inputs(fit.phi, begun), fit.start)
+    np.testing.assert_array_equal(part, whole[kept])
+
+
+def pairs_of(bounds: np.ndarray) -> list[tuple[int, int]]:
+    """Where each segment begins and ends."""
+    return list(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True))
 
 
 def test_pushes_that_do_not_belong_are_left(base: tuple[Fit, Take]) -> None:

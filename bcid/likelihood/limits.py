@@ -54,8 +54,6 @@ class SegmentLimits:
 
     # chi^2 per measured number (about 1 is expected) from which a segment is begun anew.  Not yet justified.
     restart_chi2: float = 4.0
-    # Share of the segments up to which they are begun anew: of more, the parameters are at fault.  Not yet justified.
-    max_restarted_share: float = 0.1
     # Nats that a segment may lose by a step of its own: more, and its tangent has misled it.  Not yet justified.
     max_loss_nats: float = 3.0
 

@@ -4,6 +4,8 @@ The likelihood integrates them out as if predictions were linear in them.  That 
 they are linearised: it has to lie where the likelihood by them is greatest, or a segment is promised too much.
 """
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np
@@ -20,9 +22,8 @@ from bcid.likelihood.refit_state import (
     promised_to_all,
     segment_worths,
 )
-from bcid.likelihood.take import N_START, Take, select_spans
+from bcid.likelihood.take import KNOTS, N_START, Take, select_spans
 
-RESTART_TANGENTS = 3  # tangents from which a segment that fits badly is tried
 SETTLING_TANGENTS = 12  # along which an initial state goes where the likelihood is greatest, at most
 CHORDS = 4  # steps along each, with derivatives held fixed
 SETTLED_NATS = 0.05  # that the step of an initial state and pushes still promises, below which they stay
@@ -37,7 +38,13 @@ def settle_initial_states(problem: RefitProblem, state: RefitState, em_steps: in
     where that is better: a hypothesis may need none where another had many.  Noise and pushes are estimated anew in at
     most `em_steps`.
     """
-    found, stuck = _begin_without_pushes(problem, state), np.zeros(problem.take.segments, dtype=bool)
+    found = _settle(problem, _begin_without_pushes(problem, state))
+    return _estimate_anew(problem, found, em_steps) if found is not state else state
+
+
+def _settle(problem: RefitProblem, state: RefitState) -> RefitState:
+    """The refit's state, each segment's initial state and pushes moved to where its likelihood is greatest nearby."""
+    found, stuck = state, np.zeros(problem.take.segments, dtype=bool)
     for _ in range(SETTLING_TANGENTS):
         unsettled = np.flatnonzero(~(stuck | (_unearned_nats(found) < SETTLED_NATS)))
         if not len(unsettled):
@@ -48,7 +55,7 @@ def settle_initial_states(problem: RefitProblem, state: RefitState, em_steps: in
         better = _worths_there(moved.terms, moved.start) > before  # False where a prediction is not finite
         stuck[unsettled] = ~better
         found = _put_segments(problem, found, unsettled[better], moved.part(np.flatnonzero(better)))
-    return _estimate_anew(problem, found, em_steps) if found is not state else state
+    return found
 
 
 def _begin_without_pushes(problem: RefitProblem, state: RefitState) -> RefitState:
@@ -94,26 +101,36 @@ def _settle_along_tangent(problem: RefitProblem, state: RefitState, chosen: Ints
 
 
 def restart_misfitting_segments(problem: RefitProblem, state: RefitState, em_steps: int) -> RefitState:
-    """The refit's state with badly fitting segments restarted from initial states found in their measured poses.
+    """The refit's state with badly fitting segments begun anew from initial states found in their measured poses.
 
-    A segment fits badly if its chi^2 per measured number is SEGMENT_LIMITS.restart_chi2 or more.  From the restart,
-    it takes Gauss-Newton steps of its initial state; an end replaces the old one where the segment is worth at least
-    SEGMENT_LIMITS.max_loss_nats more.  Unchanged if more than SEGMENT_LIMITS.max_restarted_share of the segments fit
-    badly.
+    A segment fits badly if its chi^2 per measured number is SEGMENT_LIMITS.restart_chi2 or more.  Where it is begun
+    anew it replaces the old one if it is worth at least SEGMENT_LIMITS.max_loss_nats more.
     """
-    take = problem.take
     misfits = np.flatnonzero(~(state.terms.chi2 < SEGMENT_LIMITS.restart_chi2 * state.terms.numbers))
-    if not 0 < len(misfits) <= SEGMENT_LIMITS.max_restarted_share * take.segments:
+    if not len(misfits):
         return state
-    start, found = take.start[misfits], state
-    for _ in range(RESTART_TANGENTS):
-        there = _linearise_from(problem, found, misfits, start)
-        gained = segment_worths(there.terms) - segment_worths(_part_of(found.terms, misfits))
-        better = ~(gained < SEGMENT_LIMITS.max_loss_nats) & np.isfinite(there.terms.chi2)
-        found = _put_segments(problem, found, misfits[better], there.part(np.flatnonzero(better)))
-        finite = np.isfinite(there.terms.z).all(axis=1, keepdims=True)
-        start = np.where(finite, move_to_posterior(start, there.terms.z), start)
+    there = _begin_by_pieces(problem, state, misfits)
+    gained = segment_worths(there.terms) - segment_worths(_part_of(state.terms, misfits))
+    better = np.flatnonzero(~(gained < SEGMENT_LIMITS.max_loss_nats) & np.isfinite(there.terms.chi2))
+    found = _put_segments(problem, state, misfits[better], there.part(better))
     return _estimate_anew(problem, found, em_steps) if found is not state else state
+
+
+def _begin_by_pieces(problem: RefitProblem, state: RefitState, chosen: Ints) -> _Segments:
+    """The segments `chosen`, their initial states and pushes found from their measured beginnings on, piece by piece.
+
+    A car that turns round may be predicted anywhere after a second.  What comes later says where to go only once the
+    poses before are followed.
+    """
+    part = problem.take.part(chosen)
+    start = part.start
+    for pieces in range(1, KNOTS + 1):
+        piece = problem._replace(take=part.beginnings(pieces / KNOTS))
+        there = _linearise_from(piece, state, np.arange(len(chosen)), start)
+        begun = state._replace(start=start, r=there.at.r, A=there.at.A, terms=there.terms)
+        found = _settle(piece, begun)
+        start = found.start
+    return _Segments(part.first, found.start, AboutNuisances(found.r, found.A), found.terms)
 
 
 def move_initial_states(problem: RefitProblem, state: RefitState) -> RefitState:
@@ -140,7 +157,7 @@ class _Segments(NamedTuple):
     at: AboutNuisances
     terms: MarginalTerms
 
-    def part(self, chosen: Ints) -> "_Segments":
+    def part(self, chosen: Ints) -> _Segments:
         """Those of the segments that are `chosen`."""
         rows, first = select_spans(self.first, chosen)
         at = AboutNuisances(*(array[rows] for array in self.at))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats, Ints
+from bcid.aliases import Bools, Floats, Ints
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
@@ -88,6 +88,23 @@ class Take(NamedTuple):
             first_stamp=first_stamp, pose=self.pose[rows], first=first, step=self.step[chosen],
             start=self.start[chosen], zero_s=self.zero_s[chosen], length_s=self.length_s[chosen],
         )  # fmt: skip
+
+    def beginnings(self, share: float) -> Take:
+        """The take with the first `share` of each segment's rows only."""
+        rows = np.diff(self.first)
+        within = np.arange(len(self.pose)) - np.repeat(self.first[:-1], rows)
+        kept = within < np.repeat(np.ceil(share * rows), rows)
+        stamped, renumbered = kept[self.row], np.cumsum(kept) - 1
+        return self._replace(
+            stamp_s=self.stamp_s[stamped], row=renumbered[self.row[stamped]], share=self.share[stamped],
+            first_stamp=_count_before(stamped, self.first_stamp), pose=self.pose[kept],
+            first=_count_before(kept, self.first),
+        )  # fmt: skip
+
+
+def _count_before(kept: Bools, bounds: Ints) -> Ints:
+    """How many are `kept` before each of the `bounds`."""
+    return np.asarray(np.r_[0, np.cumsum(kept)][bounds], dtype=np.int64)
 
 
 def select_spans(first: Ints, chosen: Ints) -> tuple[Ints, Ints]:
