@@ -64,7 +64,7 @@ def add_names_beside_remainder(
         if better is None:
             break
         rest, more = better, ()
-    return rest
+    return state.remember(rest)
 
 
 def report_round(promising: Sequence[CandidateEffect], fit: Fit, report: Report) -> None:
