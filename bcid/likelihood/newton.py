@@ -21,13 +21,13 @@ def evaluate_at(
 ) -> RefitState:
     """The refit's state (residual, likelihood, nuisances, scales) at the parameter vector phi, which stays fixed.
 
-    Initial states move from `start` (S, N_NUISANCE) to where the likelihood is greatest, those of segments with a high
-    chi^2 from their measured poses.  The standard deviations of noise and pushes are estimated from `scales` in at most
-    `em_steps` of expectation maximisation.
+    Initial states move from `start` (S, N_NUISANCE) to where the likelihood is greatest; those of segments that then
+    fit badly are found anew from their measured poses.  The standard deviations of noise and pushes are estimated from
+    `scales` in at most `em_steps` of expectation maximisation.
     """
     at = nuisance.linearise_nuisances(problem.take, problem.hypothesis.prediction_inputs(phi, problem.take), start)
     state = build_state(problem, phi, start.copy(), scales, at.r, at.A, em_steps)
-    return settle_initial_states(problem, restart_misfitting_segments(problem, state, em_steps), em_steps)
+    return restart_misfitting_segments(problem, settle_initial_states(problem, state, em_steps), em_steps)
 
 
 def tangent_at(problem: RefitProblem, state: RefitState) -> Tangent:

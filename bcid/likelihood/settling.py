@@ -89,14 +89,16 @@ def _settle_along_tangent(problem: RefitProblem, state: RefitState, chosen: Ints
     best, terms, share = state.start[chosen], _part_of(state.terms, chosen), np.ones((len(chosen), 1))
     worth = _worths_there(terms, best)
     for _ in range(CHORDS):
+        # one that has settled stays, whatever else is sought
+        unsettled = ~(promised_to_all(terms, best) < SETTLED_NATS)
+        if not unsettled.any():
+            break
         start = move_to_posterior(best, terms.z, share)
         there = _terms_along_tangent(A, nuisance.pose_residuals(part, inputs, start), start, part, state.scales)
         now = _worths_there(there, start)
-        better = now > worth
+        better = unsettled & (now > worth)
         best, worth = np.where(better[:, None], start, best), np.where(better, now, worth)
         terms, share = _select_terms(better, there, terms), np.where(better[:, None], 1.0, SHORTER * share)
-        if (promised_to_all(terms, best) < SETTLED_NATS).all():
-            break
     return best
 
 
