@@ -22,8 +22,10 @@ from bcid.likelihood.refit import Fit
 from bcid.likelihood.score_test import Trial, TrialChanges, compute_trial_changes, replace_value
 from bcid.likelihood.take import Take
 
-# multiples of the declared size, of an effect of one sign
-TRIAL_SIZES = (0.5, 1.5)
+# multiples of an effect's declared size: at the least nothing shows of one that bends at zero (a dead zone), and at the
+# whole size a small one of another seems contradicted, where recordings are so precise that predictions bend
+WHOLE, SMALL = 1.0, 0.1
+TRIAL_SIZES, SIGNED_TRIAL_SIZES = (SMALL, 0.5, 1.5), (WHOLE, -WHOLE, SMALL, -SMALL)
 
 # cells of the grid along the longer side of the floor that was driven, and times in a recording
 GRID_CELLS, TRIAL_TIMES = 5, 8
@@ -83,19 +85,22 @@ def simulate_trials(fit: Fit, take: Take) -> TrialChanges:
 def _trial_vectors(effect: Effect, take: Take, circles: Sequence[FloorCircle]) -> Iterator[list[list[float]]]:
     """Parameter vectors (SI) of an effect for the score test, in lists of vectors that the test combines linearly.
 
-    An effect of one amplitude gives lists of one vector: at plus and minus its declared size if it has either sign,
-    else at that size if it has a place, else at TRIAL_SIZES times that.  One of several amplitudes gives a list with a
-    vector for each.  An effect with a place is tried at all `_trial_places`, of which some are in the `circles`.
+    An effect of one amplitude gives lists of one vector: at its declared size if it has a place, and at minus that if
+    it has either sign, else at SIGNED_TRIAL_SIZES or, of one sign, TRIAL_SIZES times that.  One of several amplitudes
+    gives lists with a vector for each.  An effect with a place is tried at all `_trial_places`, of which some are in
+    the `circles`.
     """
     amplitudes = [i for i, p in enumerate(effect.parameters) if not p.is_place]
     for place in _trial_places(effect, take, circles):
         still = [place.get(p.symbol, p.off) for p in effect.parameters]
         if len(amplitudes) > 1:
-            yield [replace_value(still, i, effect.parameters[i].size) for i in amplitudes]
+            for multiple in (WHOLE,) if place else (WHOLE, SMALL):
+                yield [replace_value(still, i, multiple * effect.parameters[i].size) for i in amplitudes]
             continue
         (i,) = amplitudes
         both_signs = effect.parameters[i].low < 0.0
-        multiples = (1.0, -1.0) if both_signs else (1.0,) if place else TRIAL_SIZES
+        at_places = (WHOLE, -WHOLE) if both_signs else (WHOLE,)
+        multiples = at_places if place else SIGNED_TRIAL_SIZES if both_signs else TRIAL_SIZES
         yield from ([replace_value(still, i, multiple * effect.parameters[i].size)] for multiple in multiples)
 
 
