@@ -92,13 +92,14 @@ def _judge(state: SearchState, rest: RemainderFit, name: str) -> Judged:
     """
     others = tuple(n for n in rest.named.hypothesis.effects if n != name)
     fit = state.keep_likeliest(refit_with_effects(rest.named, state.take, others))
-    plain, least = gain_nats(rest.named, fit), state.gate + _in_one_segment(rest.named, fit)
+    alone = max(float(np.max(rest.named.per_segment - fit.per_segment)), 0.0)
+    plain, least = gain_nats(rest.named, fit), state.gate + alone
     less = Lesser(fit, state.beside_remainder(fit))
     if plain <= least:
         return Judged(plain, plain - least, plain - least, less)
 
     def judge(less: Lesser, gain: float) -> Judged:
-        beside = gain - _least_beside(state, rest, less)
+        beside = gain - _least_beside(state, rest, less, least)
         return Judged(gain, plain - least, min(plain - least, beside), less)
 
     judged = judge(less, min(plain, rest.log_evidence - less.weighed.log_evidence))
@@ -111,22 +112,16 @@ def _judge(state: SearchState, rest: RemainderFit, name: str) -> Judged:
     return judged
 
 
-def _in_one_segment(fit: Fit, less: Fit) -> float:
-    """Nats that a `fit` adds to one with `less` in the segment where it adds most."""
-    return max(float(np.max(fit.per_segment - less.per_segment)), 0.0)
+def _least_beside(state: SearchState, rest: RemainderFit, less: Lesser, plain: float) -> float:
+    """Nats that a name must add to a remainder in its place, `plain` being what it must without one.
 
-
-def _least_beside(state: SearchState, rest: RemainderFit, less: Lesser) -> float:
-    """Nats that a name must add to a remainder in its place.
-
-    They are the gate beyond what one segment adds alone, the share of what all names leave that smooth functions
-    cannot follow, and the share of the remainder in its place to which that is converged.  But where all names leave
-    hardly more than such a share of what the remainder in its place explains, the two are explanations of the same: the
-    name, which is one law, need only be likelier by the odds that tell rivals apart.
+    They are the share of what all names leave that smooth functions cannot follow, and the share of the remainder in
+    its place to which that is converged.  But where all names leave hardly more than such a share of what the remainder
+    in its place explains, the two are explanations of the same: the name, which is one law, need only be likelier by
+    the odds that tell rivals apart.
     """
     left, instead = state.with_copies(rest, CHANNELS).nats, less.weighed.nats
     explains_as_much = left < SEARCH_LIMITS.remainder_error * instead
-    plain = state.gate + _in_one_segment(rest.fit, less.weighed.fit)
     beside = JUDGE_LIMITS.rival_nats if explains_as_much else max(plain, state.required_nats(left))
     return max(beside, SEARCH_LIMITS.converged_share * instead)
 
