@@ -1,16 +1,23 @@
-"""The base model fitted to short simulated drives of a car with something that the model lacks."""
+"""Simulated drives of a car with something that a model lacks: short ones with a base model, and blind cases."""
 
 from __future__ import annotations
 
 from functools import cache
+from typing import NamedTuple
 
 from bcid.diagnosis.diagnose import fit_base_model
+from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.estimate.run import estimate_motion
+from bcid.estimate.types import Estimate
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
+from bcid.proof.blind.blind_case import BlindCase
+from bcid.proof.blind.diagnose_case import estimate_concealed_drive
+from bcid.recording.types import Recording
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.drive import simulate_drive
-from bcid.virtual_lab import TUNING, record_drive, simulated_vehicle
+from bcid.vehicle import Vehicle
+from bcid.virtual_lab import TUNING, read_vehicle_text, record_drive, simulated_vehicle
 
 USUAL = Sensor()
 
@@ -22,3 +29,21 @@ def concealing(seconds: float = 120.0, seed: int = 4, sensor: Sensor = USUAL, **
     recording = record_drive(simulate_drive(Plant(**plant), sensor, seconds, seed), 60.0, vehicle)
     base = fit_base_model([recording], [estimate_motion(recording, vehicle, TUNING)], vehicle)
     return base.fit, base.take
+
+
+class RecordedCase(NamedTuple):
+    """A blind case as the diagnosis is given it."""
+
+    recording: Recording
+    estimate: Estimate
+    vehicle: Vehicle
+    reference: ReferenceModel | None  # None where nothing is published
+
+
+def record_case(case: BlindCase, name: str = "concealed") -> RecordedCase:
+    """A blind case driven and recorded under a `name`, its motion estimated, and what is published read."""
+    files = case.lab_files
+    vehicle = read_vehicle_text(files.vehicle)
+    recording = record_drive(case.simulate(), case.rate_hz, vehicle, name)
+    estimate, reference = estimate_concealed_drive(recording, vehicle, files.vehicle, files.simulation)
+    return RecordedCase(recording, estimate, vehicle, reference)

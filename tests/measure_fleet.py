@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from concealed import record_case
 
 from bcid.diagnosis.diagnose import diagnose_recordings
 from bcid.diagnosis.summary import summarise_diagnosis
@@ -25,7 +26,6 @@ from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.execution.jobs import run_jobs
 from bcid.fleet.labels import LogLabel
 from bcid.fleet.together import DiagnosedLog, diagnose_together
-from bcid.proof.blind.diagnose_case import estimate_concealed_drive
 from bcid.proof.blind.run_cases import ROW_MODULES
 from bcid.proof.blind.small_case import SmallCase
 from bcid.proof.blind.small_effects import SMALL_SIZES, draw_small_effect, kinds_of_car
@@ -33,7 +33,6 @@ from bcid.proof.blind.small_files import PUBLISHED
 from bcid.proof.rows import append_row, code_digest, read_rows
 from bcid.simulation.room_drivers import DRIVERS
 from bcid.simulation.small_car import draw_small_car
-from bcid.virtual_lab import read_vehicle_text, record_drive
 
 RESULT = Path(__file__).parents[1] / "docs" / "results" / "fleet.json"
 LOGS, DAYS, AFFECTED, SECONDS, TRUST = 12, 3, 4, 90.0, 0.05
@@ -74,11 +73,8 @@ def _draw_affected(rng: np.random.Generator) -> list[int]:
 
 def diagnose_log(case: SmallCase) -> dict[str, Any]:
     """The diagnosis of one log as its document, and what was concealed."""
-    files = case.lab_files
-    vehicle = read_vehicle_text(files.vehicle)
-    recording = record_drive(case.simulate(), case.rate_hz, vehicle, case.name)
-    estimate, reference = estimate_concealed_drive(recording, vehicle, files.vehicle, files.simulation)
-    diagnosis = diagnose_recordings([recording], [estimate], vehicle, reference=reference)
+    drive = record_case(case, case.name)
+    diagnosis = diagnose_recordings([drive.recording], [drive.estimate], drive.vehicle, reference=drive.reference)
     return {"answer": list(case.answer), "diagnosis": summarise_diagnosis(diagnosis).as_json()}
 
 

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import pytest
+from concealed import record_case
 
 from bcid.diagnosis.diagnose import fit_base_model
 from bcid.diagnosis.search.refits import gain_nats, refit_from_large_sizes
 from bcid.diagnosis.search.screen import screen_effects, simulate_trials
-from bcid.proof.blind.diagnose_case import estimate_concealed_drive
 from bcid.proof.blind.other_suite import draft_other_cases
-from bcid.virtual_lab import read_vehicle_text, record_drive
 
 
 @pytest.mark.slow
 def test_a_dead_zone_that_a_weaker_motor_imitates_is_found_from_a_large_size() -> None:
     drawn = (draw_case(90421, 1361) for draw_case in draft_other_cases(0, 40))
     case = next(case for case in drawn if case.answer == ("motor_dead_zone",))
-    files = case.lab_files
-    vehicle = read_vehicle_text(files.vehicle)
-    recording = record_drive(case.simulate(), case.rate_hz, vehicle, "concealed")
-    estimate, published = estimate_concealed_drive(recording, vehicle, files.vehicle, files.simulation)
-    base = fit_base_model([recording], [estimate], vehicle, published)
+    drive = record_case(case)
+    base = fit_base_model([drive.recording], [drive.estimate], drive.vehicle, drive.reference)
     promised = {c.effect: c.score for c in screen_effects(base.fit, base.take, simulate_trials(base.fit, base.take))}
     (found,) = refit_from_large_sizes(base.fit, base.take, ())
     assert found.hypothesis.effects[-1] == "motor_dead_zone"

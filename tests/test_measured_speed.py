@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cars import CAR
+from concealed import record_case
 
 from bcid.diagnosis.diagnose import fit_base_model
 from bcid.effects.actuators import actuator_chain
@@ -21,7 +22,6 @@ from bcid.models.interface import history_at_rest, rollout
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.newton_euler.parameters import ConstantBox, constant_units
 from bcid.physics.car import LONGEST_STEP_S, integration_step, motor_force
-from bcid.proof.blind.diagnose_case import estimate_concealed_drive
 from bcid.proof.blind.tricycle_case import TricycleCase
 from bcid.recording.measured_speed import let_measured_speed_run
 from bcid.recording.types import Recording, SourceFile, Stream
@@ -29,7 +29,6 @@ from bcid.simulation.car import Sensor
 from bcid.simulation.tricycle import Tricycle
 from bcid.simulation.tricycle_drive import Encoder, TricycleHandling
 from bcid.vehicle import Vehicle
-from bcid.virtual_lab import read_vehicle_text, record_drive
 
 FOLLOWING = CAR._replace(follows_wheel=1.0, reverses=1.0, K_t=CAR.m / 0.03, K_b=0.0, F_m_max=1e3 * CAR.m)
 TEXT: dict[str, Any] = {
@@ -173,10 +172,8 @@ def test_the_base_model_of_a_tricycle_has_its_tyres_and_a_motor_of_hundredths_of
         "tricycle", 0, (), seed=3, tricycle=p, handling=TricycleHandling(0.3, 1.4, 0.5), encoder=Encoder(late_s, 1e-3),
         tracker=still, command_hz=20.0, rate_hz=40.0, duration_s=120.0,
     )  # fmt: skip
-    vehicle = read_vehicle_text(case.lab_files.vehicle)
-    recording = record_drive(case.simulate(), case.rate_hz, vehicle)
-    estimate, _ = estimate_concealed_drive(recording, vehicle, case.lab_files.vehicle, "")
-    fit = fit_base_model([recording], [estimate], vehicle).fit
+    drive = record_case(case)
+    fit = fit_base_model([drive.recording], [drive.estimate], drive.vehicle).fit
     car, timing = fit.car(), fit.effect_estimates()["throttle_timing__tau"][0]
     # force by slip over the rolling speed, that of a third of the weight at 0.5 to 1.4 m/s
     stiff = p.mass / (p.slip_stiffness * 9.81 * p.mass * p.rear_lever / p.wheelbase)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cars import CAR
+from concealed import record_case
 
 from bcid.diagnosis.diagnose import diagnose_recordings
 from bcid.diagnosis.judge import held_out
@@ -26,8 +27,6 @@ from bcid.likelihood.refit import Fit
 from bcid.likelihood.refit_state import Tangent
 from bcid.likelihood.score_test import Trial, TrialChanges
 from bcid.proof.blind.blind_test import BlindTest, SuiteSizes
-from bcid.proof.blind.diagnose_case import estimate_concealed_drive
-from bcid.virtual_lab import read_vehicle_text, record_drive
 
 TAKE: Any = None
 
@@ -271,9 +270,7 @@ def test_poses_of_a_tricycle_that_come_late_are_not_told_as_late_steering_alone(
     """Its measured wheel speed may be early or late as well, at whose bound a score test sees no rival."""
     cases = BlindTest(2408849165, "", False, SuiteSizes(every=6)).cases
     case = next(c for c in cases if c.name == "tricycle-1444")
-    vehicle = read_vehicle_text(case.lab_files.vehicle)
-    recording = record_drive(case.simulate(), case.rate_hz, vehicle, "concealed")
-    estimate, reference = estimate_concealed_drive(recording, vehicle, case.lab_files.vehicle, "")
-    diagnosis = diagnose_recordings([recording], [estimate], vehicle, reference=reference)
+    drive = record_case(case)
+    diagnosis = diagnose_recordings([drive.recording], [drive.estimate], drive.vehicle, reference=drive.reference)
     (found,) = diagnosis.judgement.findings
     assert "pose_latency" in (found.effect, *found.twins)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from concealed import concealing
@@ -86,7 +88,7 @@ def test_a_car_that_spins_is_followed_from_its_poses_alone(pushed_drive: tuple[F
 def rough_beginnings(take: Take) -> np.ndarray:
     """The initial states (S, N_START) that straight lines through the first poses of each segment give."""
     begun = np.zeros((take.segments, N_START))
-    for s, (first, after) in enumerate(zip(take.first[:-1], take.first[1:], strict=True)):
+    for s, (first, after) in enumerate(pairwise(take.first.tolist())):
         time_s = take.seen_rows.time_s[first:after] + take.zero_s[s] - take.begin_s[s]
         x, y, yaw = (np.polyfit(time_s[:5], take.pose[first : first + 5, c], 1) for c in range(3))
         c, sn = np.cos(yaw[1]), np.sin(yaw[1])
@@ -98,7 +100,9 @@ def rough_beginnings(take: Take) -> np.ndarray:
 def test_the_beginnings_of_a_take_are_its_first_rows(base: tuple[Fit, Take], share: float) -> None:
     take = base[1]
     begun = take.beginnings(share)
-    kept = np.concatenate([np.arange(a, a + np.ceil(share * (b - a)), dtype=int) for a, b in pairs_of(take.first)])
+    kept = np.concatenate(
+        [np.arange(a, a + np.ceil(share * (b - a)), dtype=int) for a, b in pairwise(take.first.tolist())]
+    )
     np.testing.assert_array_equal(begun.pose, take.pose[kept])
     np.testing.assert_array_equal(begun.seen_rows.time_s, take.seen_rows.time_s[kept])
     np.testing.assert_allclose(np.bincount(begun.row, begun.share), 1.0)
@@ -106,11 +110,6 @@ def test_the_beginnings_of_a_take_are_its_first_rows(base: tuple[Fit, Take], sha
     whole = pose_residuals(take, fit.hypothesis.prediction_inputs(fit.phi, take), fit.start)
     part = pose_residuals(begun, fit.hypothesis.prediction_inputs(fit.phi, begun), fit.start)
     np.testing.assert_array_equal(part, whole[kept])
-
-
-def pairs_of(bounds: np.ndarray) -> list[tuple[int, int]]:
-    """Where each segment begins and ends."""
-    return list(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True))
 
 
 def test_pushes_that_do_not_belong_are_left(base: tuple[Fit, Take]) -> None:

@@ -79,26 +79,29 @@ class Take(NamedTuple):
 
     def part(self, chosen: Ints) -> Take:
         """The take with the segments `chosen` only."""
-        stamps, first_stamp = select_spans(self.first_stamp, chosen)
-        rows, first = select_spans(self.first, chosen)
-        renumbered = np.full(len(self.pose), -1, dtype=np.int64)
-        renumbered[rows] = np.arange(len(rows))
-        return self._replace(
-            stamp_s=self.stamp_s[stamps], row=renumbered[self.row[stamps]], share=self.share[stamps],
-            first_stamp=first_stamp, pose=self.pose[rows], first=first, step=self.step[chosen],
-            start=self.start[chosen], zero_s=self.zero_s[chosen], length_s=self.length_s[chosen],
-        )  # fmt: skip
+        kept = self._with_rows(*select_spans(self.first, chosen), *select_spans(self.first_stamp, chosen))
+        return kept._replace(
+            step=self.step[chosen], start=self.start[chosen], zero_s=self.zero_s[chosen], length_s=self.length_s[chosen]
+        )
 
     def beginnings(self, share: float) -> Take:
         """The take with the first `share` of each segment's rows only."""
         rows = np.diff(self.first)
         within = np.arange(len(self.pose)) - np.repeat(self.first[:-1], rows)
         kept = within < np.repeat(np.ceil(share * rows), rows)
-        stamped, renumbered = kept[self.row], np.cumsum(kept) - 1
+        stamped = kept[self.row]
+        return self._with_rows(
+            np.flatnonzero(kept), _count_before(kept, self.first),
+            np.flatnonzero(stamped), _count_before(stamped, self.first_stamp),
+        )  # fmt: skip
+
+    def _with_rows(self, rows: Ints, first: Ints, stamps: Ints, first_stamp: Ints) -> Take:
+        """The take with these `rows` and their `stamps` only, numbered anew; segments have the bounds given."""
+        renumbered = np.full(len(self.pose), -1, dtype=np.int64)
+        renumbered[rows] = np.arange(len(rows))
         return self._replace(
-            stamp_s=self.stamp_s[stamped], row=renumbered[self.row[stamped]], share=self.share[stamped],
-            first_stamp=_count_before(stamped, self.first_stamp), pose=self.pose[kept],
-            first=_count_before(kept, self.first),
+            stamp_s=self.stamp_s[stamps], row=renumbered[self.row[stamps]], share=self.share[stamps],
+            first_stamp=first_stamp, pose=self.pose[rows], first=first,
         )  # fmt: skip
 
 

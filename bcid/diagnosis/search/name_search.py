@@ -117,7 +117,8 @@ def _add_names(state: SearchState, before: RemainderFit, more: Sequence[Fit], re
     state.draw_nulls(plain)
     if plain.nats <= state.gate:
         return plain
-    beside, before = add_names_beside_remainder(state, before, more, report), state.remember(before)
+    beside = add_names_beside_remainder(state, before, more, report)
+    before = state.remember(before)  # as the search has refitted it
     enough = plain.log_evidence > before.log_evidence + state.required_nats(plain.nats)
     best = greater_evidence(beside, plain) if enough else beside
     state.draw_nulls(best)

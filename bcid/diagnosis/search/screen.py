@@ -85,23 +85,27 @@ def simulate_trials(fit: Fit, take: Take) -> TrialChanges:
 def _trial_vectors(effect: Effect, take: Take, circles: Sequence[FloorCircle]) -> Iterator[list[list[float]]]:
     """Parameter vectors (SI) of an effect for the score test, in lists of vectors that the test combines linearly.
 
-    An effect of one amplitude gives lists of one vector: at its declared size if it has a place, and at minus that if
-    it has either sign, else at SIGNED_TRIAL_SIZES or, of one sign, TRIAL_SIZES times that.  One of several amplitudes
-    gives lists with a vector for each.  An effect with a place is tried at all `_trial_places`, of which some are in
-    the `circles`.
+    A list has a vector for each amplitude of the effect, at one of its `_trial_multiples` times its declared size.  An
+    effect with a place is tried at all `_trial_places`, of which some are in the `circles`.
     """
-    amplitudes = [i for i, p in enumerate(effect.parameters) if not p.is_place]
+    amplitudes, multiples = [i for i, p in enumerate(effect.parameters) if not p.is_place], _trial_multiples(effect)
     for place in _trial_places(effect, take, circles):
         still = [place.get(p.symbol, p.off) for p in effect.parameters]
-        if len(amplitudes) > 1:
-            for multiple in (WHOLE,) if place else (WHOLE, SMALL):
-                yield [replace_value(still, i, multiple * effect.parameters[i].size) for i in amplitudes]
-            continue
-        (i,) = amplitudes
-        both_signs = effect.parameters[i].low < 0.0
-        at_places = (WHOLE, -WHOLE) if both_signs else (WHOLE,)
-        multiples = at_places if place else SIGNED_TRIAL_SIZES if both_signs else TRIAL_SIZES
-        yield from ([replace_value(still, i, multiple * effect.parameters[i].size)] for multiple in multiples)
+        for multiple in multiples:
+            yield [replace_value(still, i, multiple * effect.parameters[i].size) for i in amplitudes]
+
+
+def _trial_multiples(effect: Effect) -> tuple[float, ...]:
+    """Multiples of its declared size at which an effect is tried; one with a place, of which there are many, at that.
+
+    Of several amplitudes the test finds the signs.
+    """
+    first, *further = [p for p in effect.parameters if not p.is_place]
+    if further:
+        return (WHOLE,) if effect.place_parameters else (WHOLE, SMALL)
+    if first.low < 0.0:
+        return (WHOLE, -WHOLE) if effect.place_parameters else SIGNED_TRIAL_SIZES
+    return (WHOLE,) if effect.place_parameters else TRIAL_SIZES
 
 
 def _trial_places(effect: Effect, take: Take, circles: Sequence[FloorCircle]) -> list[dict[str, float]]:
