@@ -89,6 +89,15 @@ def test_without_fits_there_is_none_of_greatest_evidence(monkeypatch: pytest.Mon
 # --- one name more ---------------------------------------------------------------------------------------------------
 
 
+def test_what_began_elsewhere_and_falls_short_is_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another start may make more of it; what the score test promised beside the remainder is not tried again."""
+    Evidence(monkeypatch, {("near",): 0.0, ("far",): 0.0})
+    looking = state_of()
+    _best_credible(looking, [fit(1.0, "near")], beside(fit(0.0)), {}, [fit(1.0, "far")])
+    assert looking.refused == {"near"}
+    assert set(looking.added) == {"near"}
+
+
 def offering(monkeypatch: pytest.MonkeyPatch, *scores: tuple[str, float], **nats: float) -> list[str]:
     """Score tests that promise so much of effects, and refits of so much likelihood; those that were offered a test."""
     offered = list[str]()

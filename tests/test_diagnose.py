@@ -17,19 +17,22 @@ from viewed import miss_m, read_view
 from bcid.cli.app import app
 from bcid.diagnosis import diagnose
 from bcid.diagnosis.diagnose import BaseFit, Diagnosis, diagnose_recordings
+from bcid.diagnosis.judge.prediction_error import model_from_reference
 from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.diagnosis.summary import KNOT_UNITS, knot_columns, summarise_diagnosis
 from bcid.documents.model_card import ModelCard
 from bcid.effects.constants import Constants
+from bcid.effects.remainder_table import COLUMNS
 from bcid.effects.table import EFFECTS
-from bcid.errors import PredictionDiverged
+from bcid.errors import InputRefused, PredictionDiverged, UsageError
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
 from bcid.evaluation.validity import load_validity
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.take import KNOTS, cut_segments, drop_contacts
+from bcid.likelihood.unnamed_functions import UnnamedFunctions
 from bcid.models.saving import load_model
 from bcid.recording.checks.contacts import find_contacts
 from bcid.recording.read import read_recording
@@ -95,7 +98,7 @@ def test_the_p_value_of_nothing_missing_is_the_least_of_four(known: dict[str, An
 
 
 @pytest.mark.parametrize("kind", ["none", "trusted", "given", "diverges"])
-def test_a_reference_is_evaluated_as_given_where_it_is_not_trusted(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reference_is_evaluated_as_given(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """With its own parameters and effects, and nothing refitted."""
     h = Hypothesis((), CAR, 2.012, Constants(), assumed=("motor_lag", "steering_scale"), raw_commands=True)
     h = h.with_effects()
@@ -113,13 +116,32 @@ def test_a_reference_is_evaluated_as_given_where_it_is_not_trusted(kind: str, mo
     fit: Any = SimpleNamespace(hypothesis=h, scales=None)
     nothing: Any = None
     of = BaseFit(nothing, (), fit, nothing, None if kind == "none" else reference)
-    assert of.evaluate_reference() == ("held" if kind == "given" else None)
-    if kind == "given":
+    assert of.evaluate_reference() == ("held" if kind in ("given", "trusted") else None)
+    if kind in ("given", "trusted"):
         assert h.car(asked[0]).K_t == pytest.approx(1.1 * CAR.K_t)
         assert h.effect_values(asked[0]) == pytest.approx({"motor_lag__tau": 0.06, "steering_scale__g": 0.0})
     else:
         assert len(asked) == (kind == "diverges")
-    assert of._replace(others=(fit,)).starts_of_names() == (("held", fit) if kind == "given" else (fit,))
+
+
+def test_a_base_model_has_the_functions_of_its_simulation(
+    vehicle: Vehicle, estimates: list[Estimate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And is no model that can be saved with them."""
+    known = UnnamedFunctions(np.ones((2, COLUMNS)))
+    fitted = list[Hypothesis]()
+
+    def fit(recordings: Any, estimates: Any, hypothesis: Hypothesis, values: Any) -> Any:
+        fitted.append(hypothesis)
+        raise PredictionDiverged
+
+    monkeypatch.setattr(diagnose.prepare, "prepare_and_fit_base", fit)
+    reference = ReferenceModel(CAR, {"motor_lag__tau": 0.06}, 0.02, known=known)
+    with pytest.raises(InputRefused):
+        diagnose.fit_base_model([], estimates[:1], vehicle, reference)
+    assert [h.known for h in fitted] == [known]
+    with pytest.raises(UsageError, match="functions without a name"):
+        model_from_reference(reference, vehicle, 60.0, 0.1)
 
 
 @pytest.mark.slow

@@ -31,7 +31,6 @@ from bcid.effects.car import (
     _front_wheel_forces,
     _solve_wheel_angle,
     motor_force_with_effects,
-    turn_wheel,
     wrench_with_effects,
 )
 from bcid.effects.constants import Constants
@@ -56,6 +55,7 @@ from bcid.effects.table import (
     effect_switches,
 )  # fmt: skip
 from bcid.effects.tyres import load_transfer
+from bcid.effects.unnamed_action import turn_wheel
 from bcid.likelihood import lane_rollout
 from bcid.models.newton_euler import augmented_step
 from bcid.physics import car as base

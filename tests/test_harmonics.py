@@ -17,6 +17,7 @@ from bcid.effects.harmonics import (
     ON_COSINE,
     ON_SINE,
     POWERS,
+    AnglePlan,
     angle_powers,
     plan_angles,
     product_of_powers,
@@ -25,6 +26,8 @@ from bcid.effects.remainder_table import COEFFICIENT, COLUMNS, INPUTS, PHASE, WA
 from bcid.effects.table import effect_switches
 from bcid.likelihood.nuisance import linearise_nuisances
 from bcid.likelihood.take import Take
+from bcid.likelihood.tracking_functions import NO_TRACKING
+from bcid.likelihood.unnamed_functions import NO_UNNAMED, UnnamedFunctions
 
 CAR = SimpleNamespace(m=2.0, l_f=0.1, l_r=0.15, I_z=0.03)
 
@@ -35,9 +38,8 @@ def basis() -> RemainderBasis:
     return remainder_basis({n: rng.uniform(-1.0, 2.0, 300) * (1.0 + j) for j, n in enumerate(INPUTS)}, CAR)
 
 
-def values_by_plan(functions: np.ndarray, half_waves: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def values_by_plan(functions: np.ndarray, plan: AnglePlan, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Values of functions with their coefficients, and derivatives by k . s, in the order of the table."""
-    plan = plan_angles(functions, half_waves)
     e, at = effect_switches({}, functions, plan), RemainderInputs(*s)
     powers, values, slopes = angle_powers(e, at), np.empty(len(functions)), np.empty(len(functions))
     for j in range(len(functions)):
@@ -46,6 +48,26 @@ def values_by_plan(functions: np.ndarray, half_waves: np.ndarray, s: np.ndarray)
         values[plan.order[j]] = own[ON_COSINE] * x + own[ON_SINE] * y
         slopes[plan.order[j]] = own[ON_SINE] * x - own[ON_COSINE] * y
     return values, slopes
+
+
+def test_functions_of_two_plans_are_those_of_each(basis: RemainderBasis) -> None:
+    """As of a simulation and of what is missing beside it, which went through other ranges."""
+    rng = np.random.default_rng(2)
+    wider = remainder_basis({n: rng.uniform(-3.0, 4.0, 300) * (1.0 + j) for j, n in enumerate(INPUTS)}, CAR)
+    parts = []
+    for some, count in ((basis, 60), (wider, 90)):
+        functions = some.functions[rng.permutation(len(some.functions))[:count]].copy()
+        functions[:, COEFFICIENT] = rng.standard_normal(count)
+        parts.append(UnnamedFunctions(functions, NO_TRACKING, plan_angles(functions, some.half_waves)))
+    both = parts[0].join(parts[1])
+    assert both.plan is not None
+    assert len(both.plan.angles) < 60  # many functions share an angle
+    for _ in range(5):
+        s = rng.uniform(-3.0, 5.0, len(INPUTS))
+        values, _ = values_by_plan(both.on_body, both.plan, s)
+        angle = both.on_body[:, WAVE:] @ s + both.on_body[:, PHASE]
+        np.testing.assert_allclose(values, both.on_body[:, COEFFICIENT] * np.cos(angle), atol=1e-9)
+    assert NO_UNNAMED.join(parts[0]) is parts[0]
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["half waves", "angles of their own"])
@@ -57,7 +79,7 @@ def test_values_and_slopes_are_those_of_cosines(basis: RemainderBasis, known: bo
     for _ in range(5):
         s = rng.uniform(-3.0, 5.0, len(INPUTS))
         angle = functions[:, WAVE:] @ s + functions[:, PHASE]
-        values, slopes = values_by_plan(functions, half_waves, s)
+        values, slopes = values_by_plan(functions, plan_angles(functions, half_waves), s)
         np.testing.assert_allclose(values, functions[:, COEFFICIENT] * np.cos(angle), atol=1e-12)
         np.testing.assert_allclose(slopes, -functions[:, COEFFICIENT] * np.sin(angle), atol=1e-12)
 

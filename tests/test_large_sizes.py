@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import pytest
-from concealed import record_case
+from concealed import concealing, record_case
 
 from bcid.diagnosis.diagnose import fit_base_model
-from bcid.diagnosis.search.refits import gain_nats, refit_from_large_sizes
+from bcid.diagnosis.limits import SEARCH_LIMITS
+from bcid.diagnosis.search import name_search, refits
+from bcid.diagnosis.search.name_search import name_effects
+from bcid.diagnosis.search.refits import (
+    _sizes_beside_simulation,
+    estimates_by_symbol,
+    gain_nats,
+    rank_fits,
+    refit_from_large_sizes,
+    refit_from_simulation,
+)
 from bcid.diagnosis.search.screen import screen_effects, simulate_trials
+from bcid.effects.table import EFFECTS
+from bcid.errors import PredictionDiverged
+from bcid.likelihood.refit import Fit, evaluate_fixed
+from bcid.likelihood.take import Take
 from bcid.proof.blind.other_suite import draft_other_cases
 
 
@@ -22,3 +38,54 @@ def test_a_dead_zone_that_a_weaker_motor_imitates_is_found_from_a_large_size() -
     assert found.hypothesis.effects[-1] == "motor_dead_zone"
     assert gain_nats(found, base.fit) > max(500.0, 4.0 * promised["motor_dead_zone"])
     assert base.fit.car().K_t < found.car().K_t
+
+
+def test_a_large_effect_is_found_beside_a_simulation_as_it_is_given() -> None:
+    """Of those refitted it is the likeliest; what is excluded is not tried."""
+    known, (base, take) = concealing(60.0)[0], concealing(60.0, steering_delay=0.12)
+    given = evaluate_fixed(take, base.hypothesis, base.hypothesis.phi_of(known.car()), base.scales)
+    found = refit_from_simulation(given, base, take, ())
+    assert len(found) == SEARCH_LIMITS.max_candidates
+    best = rank_fits(found)[0]
+    (tau,) = estimates_by_symbol(best, "steering_delay").values()
+    assert tau[0] == pytest.approx(0.12, abs=0.01)
+    assert gain_nats(best, base) > 20.0
+    others = refit_from_simulation(given, base, take, ("steering_delay",))
+    assert all("steering_delay" not in fit.hypothesis.effects for fit in others)
+
+
+@pytest.mark.parametrize(("missing", "asked"), [(0.12, True), (0.0, False)])
+def test_large_sizes_are_tried_beside_a_simulation_where_something_is_missing(
+    missing: float, asked: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    base, take = concealing(60.0, **({"steering_delay": missing} if missing else {}))
+    tried = list[tuple[Fit, tuple[str, ...]]]()
+
+    def refitted(given: Fit, corrected: Fit, take: Take, excluded: tuple[str, ...]) -> list[Fit]:
+        tried.append((given, excluded))
+        raise PredictionDiverged
+
+    monkeypatch.setattr(refits, "refit_from_simulation", refitted)
+    monkeypatch.setattr(name_search, "_add_names", lambda state, before, more, report: before)
+    name_effects(base, take, ("yaw_scrub",))
+    assert not tried
+    with pytest.raises(PredictionDiverged) if asked else nullcontext():
+        name_effects(base, take, ("yaw_scrub",), (), base)
+    assert tried == ([(base, ("yaw_scrub",))] if asked else [])
+
+
+@pytest.mark.parametrize("name", [name for name, effect in EFFECTS.items() if not effect.place_parameters])
+def test_every_effect_without_a_place_is_tried_beside_a_simulation(name: str) -> None:
+    """Within its bounds, either way where it has two, each of its parameters alone."""
+    effect = EFFECTS[name]
+    sizes = list(_sizes_beside_simulation(effect))
+    assert len(sizes) == 2 * sum(1 + (p.low < p.off) for p in effect.parameters)
+    for values in sizes:
+        (moved,) = [i for i, p in enumerate(effect.parameters) if values[i] != p.off]
+        p, size = effect.parameters[moved], abs(values[moved])
+        assert p.low <= values[moved] <= p.high
+        assert size in (pytest.approx(p.size), pytest.approx(4.0 * p.size)) or values[moved] in (p.low, p.high)
+
+
+def test_an_effect_with_a_place_is_not_tried_large() -> None:
+    assert not list(_sizes_beside_simulation(EFFECTS["rough_patch"]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,10 +16,14 @@ from bcid.aliases import Floats
 from bcid.diagnosis.diagnose import BaseFit, fit_base_model
 from bcid.diagnosis.judge.prediction_error import model_from_reference
 from bcid.diagnosis.reference_model import ReferenceModel
+from bcid.effects.harmonics import plan_angles
+from bcid.effects.remainder_table import COLUMNS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import position_errors
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
+from bcid.likelihood.tracking_functions import TRACKING_COLUMNS
+from bcid.likelihood.unnamed_functions import NO_UNNAMED, UnnamedFunctions
 from bcid.proof.blind.regressors import fit_boosted_trees, fit_perceptron
 from bcid.proof.real import day_model
 from bcid.proof.real.day_model import calibrate_simulation, shared_effects
@@ -138,8 +143,22 @@ def test_an_effect_that_half_of_a_day_s_drives_show_is_the_day_s() -> None:
 
 
 def test_a_reference_model_is_kept_whole_in_a_row() -> None:
-    known = ReferenceModel(CAR, {"motor_lag__tau": 0.1}, 0.02, {"K_t": 0.3})
-    assert reference_from_row(reference_as_row(known)) == known
+    body = np.arange(2.0 * COLUMNS).reshape(2, COLUMNS)
+    steady = np.zeros((1, COLUMNS))
+    seen = np.ones((1, TRACKING_COLUMNS))
+    waves, constant, none = (UnnamedFunctions(b, seen, plan_angles(b)) for b in (body, steady, steady[:0]))
+    for known in (NO_UNNAMED, waves, constant, none, UnnamedFunctions(tracking=seen)):
+        model = ReferenceModel(CAR, {"motor_lag__tau": 0.1}, 0.02, {"K_t": 0.3}, known=known)
+        again = reference_from_row(json.loads(json.dumps(reference_as_row(model))))
+        assert again is not None
+        assert again._replace(known=known) == model
+        np.testing.assert_array_equal(again.known.on_body, known.on_body)
+        np.testing.assert_array_equal(again.known.tracking, known.tracking)
+        assert (again.known.plan is None) == (known.plan is None)
+        for was, read in zip(known.plan or (), again.known.plan or (), strict=True):
+            np.testing.assert_array_equal(read, was)
+            assert (read.dtype, read.shape) == (was.dtype, was.shape)
+        assert waves.join(again.known).size == waves.size + known.size
     assert reference_from_row(reference_as_row(None)) is None
 
 

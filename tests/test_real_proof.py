@@ -19,12 +19,15 @@ from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.measurement import tracked_pose
+from bcid.effects.remainder_table import COEFFICIENT, COLUMNS
 from bcid.effects.table import ENTRIES, effect_switches
 from bcid.errors import InputRefused, PredictionDiverged
 from bcid.estimate.types import Estimate
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.prior import TRUST_NU
+from bcid.likelihood.tracking_functions import AMOUNT, TRACKING_COLUMNS
+from bcid.likelihood.unnamed_functions import RemainderFunctions
 from bcid.proof.real import edited
 from bcid.proof.real.edits import EDITS
 from bcid.proof.real.limits import LIMITS
@@ -226,10 +229,13 @@ def test_what_is_said_of_an_edited_drive_is_kept_with_what_it_showed_before(
 
 def test_what_a_drive_shows_of_an_effect_before_it_is_edited(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beside all else that it shows, which is known as well as when the edit is looked for; itself it is free."""
-    found = Hypothesis((), CAR, 2.012, Constants()).with_effects("steering_backlash", "yaw_scrub")
+    found = Hypothesis((), CAR, 2.012, Constants(), remainder=RemainderFunctions(
+        np.zeros((1, COLUMNS)), np.zeros((1, TRACKING_COLUMNS)), ("fx", "pose"), np.array([0.5, 0.1])
+    )).with_effects("steering_backlash", "yaw_scrub")  # fmt: skip
     phi = found.phi_of(CAR._replace(K_t=300.0), [0.02, 3.0])
+    phi[-2:] = 2.0, 3.0  # over their prior's standard deviations
     best = SimpleNamespace(hypothesis=found, phi=phi, start=None, scales=None, car=lambda: found.car(phi))
-    unedited: Any = SimpleNamespace(fit=best, take=None)
+    unedited: Any = SimpleNamespace(whole_fit=best, take=None)
     asked = list[tuple[Hypothesis, np.ndarray]]()
 
     def refit(take: Any, more: Hypothesis, start: np.ndarray, *_: Any) -> Any:
@@ -245,6 +251,9 @@ def test_what_a_drive_shows_of_an_effect_before_it_is_edited(monkeypatch: pytest
         strict=True,
     ):  # fmt: skip
         assert more.effects == effects
+        assert more.known.on_body[:, COEFFICIENT].tolist() == [1.0]
+        assert more.known.tracking[:, AMOUNT] == pytest.approx([0.3])
+        assert more.size == more.named_size  # it has no remainder of its own
         values = list(more.effect_values(start).values())
         assert values[-1] == pytest.approx(own)
         assert values[-2] == pytest.approx(3.0)
@@ -266,7 +275,7 @@ def test_a_drive_is_asked_freely_and_then_as_an_edited_one(
         holding = of.with_effects("steering_backlash", *(["yaw_scrub"] if simulation else []))
         phi = holding.phi_of(CAR, [0.02, 3.0][: len(holding.effects)])
         best = SimpleNamespace(hypothesis=holding, phi=phi, car=lambda: CAR)
-        return SimpleNamespace(fit=best)
+        return SimpleNamespace(whole_fit=best)
 
     def before(effect: str, _: Any) -> dict[str, tuple[float, float]]:
         if effect == "pose_scale":

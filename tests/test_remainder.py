@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -10,9 +12,11 @@ import numpy as np
 import pytest
 from cars import CAR
 from concealed import concealing
+from test_effects import random_body
 from test_variational import BASE, Instant, at_steps, drive, estimate, part, shove  # noqa: F401  # fixtures
 
 from bcid.diagnosis.limits import LOCATE_LIMITS
+from bcid.diagnosis.locate.pushes import estimate_disturbances
 from bcid.diagnosis.remainder.evidence import SPREADS, Quadratic, channel_worths, likeliest_spreads
 from bcid.diagnosis.remainder.explain import Explained, basis_for, explain, explain_with_copies
 from bcid.diagnosis.remainder.fit import fit_with_remainder, needed_functions
@@ -28,6 +32,8 @@ from bcid.diagnosis.remainder.functions import (
     channel_of,
     remainder_basis,
 )
+from bcid.effects.car import LagState, wrench_with_effects
+from bcid.effects.constants import Constants
 from bcid.effects.remainder_table import (
     COEFFICIENT,
     COLUMNS,
@@ -40,14 +46,23 @@ from bcid.effects.remainder_table import (
     WHEEL_ANGLE,
 )
 from bcid.effects.table import effect_switches
+from bcid.effects.unnamed_action import add_remainder
 from bcid.likelihood.force_history import ACTIONS, HISTORY
 from bcid.likelihood.lane_rollout import segment_layout
-from bcid.likelihood.nuisance import linearise_nuisances, linearise_residuals
+from bcid.likelihood.nuisance import linearise_nuisances, linearise_residuals, pose_residuals
 from bcid.likelihood.predict import FINE, linearise_poses, predict_poses, wrap_yaw
 from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.refit import refit
 from bcid.likelihood.take import N_NUISANCE, N_START, Take
-from bcid.likelihood.tracking_functions import FIRST_WAVE, INTO, TRACKING_COLUMNS, TRACKING_DIRECTIONS, TRACKING_INPUTS
+from bcid.likelihood.tracking_functions import (
+    AMOUNT,
+    FIRST_WAVE,
+    INTO,
+    TRACKING_COLUMNS,
+    TRACKING_DIRECTIONS,
+    TRACKING_INPUTS,
+)
+from bcid.likelihood.unnamed_functions import UnnamedFunctions
 
 LENGTHS = np.array([1.0, 1.0, 1.0, 0.3, 0.3, 0.8, 1.0, 1.0, 2.0, 2.0, 40.0])
 
@@ -191,6 +206,46 @@ def test_functions_with_no_coefficient_change_nothing(part: Take) -> None:  # no
     none = with_functions(part, draw_functions(np.random.default_rng(5), 3, 0.0), {})
     before, after = (predict_poses(layout, start, *i.kernel_arguments) for i in (known, none))
     np.testing.assert_allclose(before, after, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("on", "servo"),
+    [
+        ({"steering_offset__o": 0.05}, lambda delta: delta - 0.05),
+        ({"steering_scale__g": 0.2}, lambda delta: delta / 1.2),
+        ({"steering_side_gain__a": 0.1}, lambda delta: delta / (1.1 if delta > 0.0 else 0.9)),
+    ],
+    ids=["offset", "scale", "side"],
+)
+def test_functions_depend_on_the_angle_of_the_wheel(on: dict[str, float], servo: Callable[[float], float]) -> None:
+    """However far the servo has to turn for it: what a tyre does without a name is its own."""
+    rng, lags = np.random.default_rng(8), LagState(0.0, 0.0, 0.0)
+    table = draw_functions(rng, 3, 0.3)
+    plain, bent = effect_switches({}, table), effect_switches(on, table)
+    for _ in range(50):
+        b, now = random_body(rng)
+        expected = wrench_with_effects(b, add_remainder(now, b, CAR, plain), lags, CAR, plain, Constants())
+        there = now._replace(delta=servo(now.delta))
+        found = wrench_with_effects(b, add_remainder(there, b, CAR, bent), lags, CAR, bent, Constants())
+        assert found[:3] == pytest.approx(expected[:3], rel=1e-9, abs=1e-9)
+
+
+def test_what_a_simulation_knows_of_the_tracking_moves_seen_poses(part: Take) -> None:  # noqa: F811
+    shift = np.zeros((1, TRACKING_COLUMNS))
+    shift[0, AMOUNT], shift[0, INTO] = 0.2, TRACKING_DIRECTIONS.index("seen_x")
+    aside = replace(BASE, known=UnnamedFunctions(tracking=shift))
+    before, after = (
+        pose_residuals(part, h.prediction_inputs(h.phi_of(h.nominal), part), part.start) for h in (BASE, aside)
+    )
+    np.testing.assert_allclose(before - after, np.tile([0.2, 0.0, 0.0], (len(before), 1)), atol=1e-12)
+
+
+def test_functions_lie_over_the_angles_through_which_the_wheel_went() -> None:
+    fit, take = concealing(60.0)
+    more, phi = fit.hypothesis.add_effect("steering_offset", fit.phi, [0.1])
+    turned = replace(fit, hypothesis=more, phi=phi)
+    straight, aside = (estimate_disturbances(f, take).states["delta"] for f in (fit, turned))
+    np.testing.assert_allclose(aside, straight + 0.1, atol=1e-12)
 
 
 def test_a_constant_force_is_a_push(part: Take) -> None:  # noqa: F811

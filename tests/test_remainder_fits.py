@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from concealed import concealing
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
+from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.diagnosis.remainder.explain import basis_for, explain
 from bcid.diagnosis.remainder.fit import (
     CONVERGED_NATS,
@@ -17,8 +21,11 @@ from bcid.diagnosis.remainder.fit import (
     leave_out,
 )
 from bcid.diagnosis.search import refits
+from bcid.effects.remainder_table import COEFFICIENT
+from bcid.likelihood.nuisance import linearise_residuals, pose_residuals
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
+from bcid.likelihood.tracking_functions import AMOUNT
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +62,30 @@ def test_a_further_refit_from_where_it_ended_gains_next_to_nothing(unnamed_scrub
     once = converge_further(rest, take)
     assert once.log_evidence >= rest.log_evidence
     assert converge_further(once, take).log_evidence - once.log_evidence < CONVERGED_NATS
+
+
+def test_a_simulation_has_what_has_no_name_in_the_fit_that_it_comes_from(
+    unnamed_scrub: tuple[RemainderFit, Take],
+) -> None:
+    """It predicts as the fit does; a remainder beside it acts besides, and has derivatives of its own."""
+    rest, take = unnamed_scrub
+    fit, h = rest.fit, rest.fit.hypothesis
+    assert len(h.remainder.functions) > 5
+    as_fitted = h.prediction_inputs(fit.phi, take)
+    simulation = ReferenceModel.from_fit(fit)
+    alone = replace(rest.named.hypothesis, nominal=simulation.car, known=simulation.known)
+    phi = alone.phi_of(simulation.car, list(simulation.effects.values()))
+    r = pose_residuals(take, as_fitted, fit.start)
+    np.testing.assert_allclose(pose_residuals(take, alone.prediction_inputs(phi, take), fit.start), r, atol=1e-12)
+    half = simulation.known._replace(on_body=simulation.known.on_body.copy(), tracking=simulation.known.tracking.copy())
+    half.on_body[:, COEFFICIENT] *= 0.5
+    half.tracking[:, AMOUNT] *= 0.5
+    beside = replace(h, known=half)
+    phi = np.r_[fit.phi[: h.named_size], 0.5 * fit.phi[h.named_size :]]
+    inputs = beside.prediction_inputs(phi, take)
+    np.testing.assert_allclose(pose_residuals(take, inputs, fit.start), r, atol=1e-9)
+    whole, again = (linearise_residuals(take, i, fit.start) for i in (as_fitted, inputs))
+    np.testing.assert_allclose(again.J, whole.J, atol=1e-7)
 
 
 def test_copies_of_laws_are_added_to_the_functions_that_are_there(unnamed_scrub: tuple[RemainderFit, Take]) -> None:

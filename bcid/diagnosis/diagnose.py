@@ -1,7 +1,7 @@
 """The diagnosis of recordings step by step: fit the base model, name what is missing, locate it, judge."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -56,6 +56,11 @@ class Diagnosis:
         return self.naming.best
 
     @property
+    def whole_fit(self) -> Fit:
+        """The fit with the named effects and, where it is more than chance, what has no name."""
+        return self.naming.rest.fit if self.naming.unknown_nats > 0.0 else self.naming.best
+
+    @property
     def p_value(self) -> float:
         """The p-value of nothing missing (Bonferroni): 4 min(p of a remainder, of places, times, corrections).
 
@@ -85,14 +90,9 @@ class BaseFit(NamedTuple):
     reference: ReferenceModel | None = None
     others: tuple[Fit, ...] = ()  # fits of the base model that ended in other basins
 
-    def starts_of_names(self) -> tuple[Fit, ...]:
-        """Fits beside which effects are sought, too: the reference model as given, and the other basins."""
-        given = self.evaluate_reference()
-        return (given, *self.others) if given else self.others
-
     def evaluate_reference(self) -> Fit | None:
-        """The reference model as given, with nothing refitted; None if there is none, it is trusted, or it diverges."""
-        if self.reference is None or self.reference.relative_sd is not None:
+        """The reference model as given, with nothing refitted; None if there is none, or it diverges."""
+        if self.reference is None:
             return None
         h = self.fit.hypothesis
         values = [self.reference.effects.get(field, 0.0) for field, _ in h.effect_parameters]
@@ -117,7 +117,9 @@ def diagnose_recordings(
     base = fit_base_model(recordings, estimates, vehicle, reference, progress)
     take, fit = base.take, base.fit
     with threadpool_limits(1, "blas"), refuse_divergence(recordings):
-        naming = name_effects(fit, take, excluded, base.starts_of_names(), lambda text: progress(0.3, text))
+        naming = name_effects(
+            fit, take, excluded, base.others, base.evaluate_reference(), lambda text: progress(0.3, text)
+        )
         progress(0.8, "what is left")
         before = estimate_disturbances(naming.corrected, take)
         seen = explain_with_copies(naming.corrected, take, naming.before.seen.basis)
@@ -163,6 +165,8 @@ def fit_base_model(
     assumed = {field: 0.0 for name in own for field in ENTRIES[name].fields} | assumed
     hypothesis = prepare.base_hypothesis(vehicle, car, estimates, effect_ids(assumed))
     values = list(assumed.values())
+    if reference:
+        hypothesis = replace(hypothesis, known=reference.known)
     if reference and reference.relative_sd is not None:
         hypothesis = hypothesis.trust_simulation(values, reference.relative_sd, reference.relative_sd_of)
     if reference and reference.begin:

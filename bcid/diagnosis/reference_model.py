@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from bcid.effects.table import effect_ids
 from bcid.likelihood.refit import Fit
+from bcid.likelihood.unnamed_functions import NO_UNNAMED, UnnamedFunctions
 from bcid.physics.car import Car
 
 
@@ -20,10 +21,13 @@ class ReferenceModel(NamedTuple):
     relative_sd_of: Mapping[str, float] = MappingProxyType({})  # of parameters and effects that are known otherwise
     begin: Mapping[str, float] = MappingProxyType({})  # factors of parameters where a fit begins: the model is the same
 
+    known: UnnamedFunctions = NO_UNNAMED  # functions without a name that it has, too: they are not refitted
+
     @classmethod
     def from_fit(cls, fit: Fit) -> ReferenceModel:
-        """The fitted car with the effects that the fit holds, to be refitted freely."""
-        return cls(fit.car(), fit.hypothesis.effect_values(fit.phi))
+        """The fitted car with the effects that the fit holds, to be refitted freely, and what has no name, held."""
+        h = fit.hypothesis
+        return cls(fit.car(), h.effect_values(fit.phi), known=h.known.join(h.functions(fit.phi)))
 
     def without(self, effect: str) -> ReferenceModel:
         """The reference model less one effect, if it has that."""

@@ -4,7 +4,6 @@ Delays, servo, steering lag and play need the commands alone and run ahead of th
 Here follow, at the body's speed: linkage, compliance, tyres, motor, drag, floor.
 """
 
-import math
 from typing import NamedTuple
 
 from bcid.aliases import Floats, Switches
@@ -12,6 +11,7 @@ from bcid.compiled.lanes import any_lane, where
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import corrections, forces, measurement, motor, steering, tyres
 from bcid.effects.constants import Constants
+from bcid.effects.linkage import linkage_angle
 from bcid.effects.own_laws import (
     OwnInputs,
     add_own_pushes,
@@ -19,8 +19,7 @@ from bcid.effects.own_laws import (
     own_pushes_vary_with_pose,
     own_wheel_angle,
 )
-from bcid.effects.remainder import RemainderAction, WheelDirections, remainder_inputs, sum_remainder
-from bcid.effects.remainder_table import ROLLING_V, RemainderInputs
+from bcid.effects.remainder import RemainderAction
 from bcid.physics.car import Car, forward_motor_force, motor_force, wrench_of_axles
 from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity
@@ -228,11 +227,7 @@ def _solve_wheel_angle(
     The compliance depends on the side force at the angle sought, and is solved by regula falsi; the arguments are
     those of `_front_wheel_forces`.
     """
-    delta = steering.steering_nonlinearity(
-        corrections.steering_scale(act.delta, e.steering_scale__g), e.steering_nonlinearity__k
-    )
-    delta = steering.steering_side_gain(delta, e.steering_side_gain__a)
-    delta = steering.steering_speed_gain(delta, b.v_x, b.v_y, e.steering_speed_gain__k)
+    delta = steering.steering_speed_gain(linkage_angle(act.delta, e), b.v_x, b.v_y, e.steering_speed_gain__k)
     delta = steering.steering_offset(delta, e.steering_offset__o)
     delta = own_wheel_angle(delta, own_inputs(b, act, p), e)
     k: float = e.steering_compliance__k
@@ -350,49 +345,6 @@ def _base_wrench(b: BodyState, act: Actuation, delta: float, p: Car) -> Wrench:
     sin_d, cos_d = sincos(delta)
     F_x, F_y, M_z = wrench_of_axles(F_l, F_af, F_lr, F_ar, sin_d, cos_d, p)
     return Wrench(F_x, F_y, M_z, zero + 1.0, LagState(alpha, F_m, F_mr), v_fx)
-
-
-@njit_inline
-def replace_remainder(act: Actuation, rest: RemainderAction) -> Actuation:
-    """What the actuators give, with what has no name replaced by `rest`."""
-    return Actuation(
-        act.t, act.T, act.delta, act.delta_rate, act.u_m, act.u_next, act.late, act.brake, rest
-    )  # fmt: skip
-
-
-@njit_inline
-def turn_wheel(act: Actuation, by: float, e: Switches) -> Actuation:
-    """What the actuators give, the steered wheel turned further `by` (rad), whatever effects are on in `e`."""
-    # a car with neither effects nor anything without a name, whose wheel stands as it is steered, asks for no `rest`
-    steered = by if e.any_on_body == 0.0 and e.remainders == 0.0 else 0.0
-    rest = act.rest
-    turned = RemainderAction(rest.f_x, rest.f_y, rest.arm, rest.alpha, rest.turn + by)
-    return Actuation(
-        act.t, act.T, act.delta + steered, act.delta_rate, act.u_m, act.u_next, act.late, act.brake, turned
-    )  # fmt: skip
-
-
-@njit
-def add_remainder(act: Actuation, b: BodyState, p: Car, e: Switches) -> Actuation:
-    """What the actuators give, with what the functions without a name in `e` add at the state `b`."""
-    if e.remainders == 0.0:
-        return act
-    return replace_remainder(act, sum_remainder(inputs_of_remainder(act, b, p), wheel_directions(b, act), p, e))
-
-
-@njit_inline
-def inputs_of_remainder(act: Actuation, b: BodyState, p: Car) -> RemainderInputs:
-    """What a remainder depends on at a state; of a throttle that changes within a step, the mean."""
-    u_m = act.u_m + act.late * (act.u_next - act.u_m)
-    return remainder_inputs(b.p_x, b.p_y, b.v_x, b.v_y, b.omega, act.delta, act.delta_rate, u_m, act.t, p)
-
-
-@njit_inline
-def wheel_directions(b: BodyState, act: Actuation) -> WheelDirections:
-    """Sines and cosines of the steering angle and of the heading, and which way the car rolls."""
-    sin_d, cos_d = sincos(act.delta)
-    sin_t, cos_t = sincos(b.theta)
-    return WheelDirections(sin_d, cos_d, sin_t, cos_t, math.tanh(b.v_x / ROLLING_V))
 
 
 @njit_inline

@@ -14,7 +14,17 @@ from bcid.aliases import Bools, Floats, Ints, Switches
 from bcid.compiled.lane_access import get_like, put_like
 from bcid.compiled.lanes import LANES, multiply_add
 from bcid.compiled.njit import njit, njit_inline
-from bcid.effects.remainder_table import COEFFICIENT, COLUMNS, DIRECTION, INPUTS, MOST, PHASE, WAVE, RemainderInputs
+from bcid.effects.remainder_table import (
+    COEFFICIENT,
+    COLUMNS,
+    DIRECTION,
+    INPUTS,
+    PHASE,
+    ROOM,
+    SETS,
+    WAVE,
+    RemainderInputs,
+)
 from bcid.physics.elementary import sincos
 
 FACTORS = 3  # of a function: powers of as many angles
@@ -27,7 +37,7 @@ PLANNED_COLUMNS = COLUMNS + 2
 POWERS, INVERSE_POWERS, OFFSET, OWN_WAVE = 0, 1, 2, 3
 """Columns of a table of angles: how many powers are needed, and of exp(-i theta); theta is OFFSET + k . s, k from
 OWN_WAVE on."""
-ANGLE_COLUMNS, MOST_ANGLES = OWN_WAVE + len(INPUTS), len(INPUTS) + MOST
+ANGLE_COLUMNS, MOST_ANGLES = OWN_WAVE + len(INPUTS), SETS * len(INPUTS) + ROOM
 
 NO_HALF_WAVES = np.zeros((len(INPUTS), 2))
 
@@ -67,6 +77,17 @@ def plan_angles(functions: Floats, half_waves: Floats = NO_HALF_WAVES) -> AngleP
     once = np.tile([1.0, 0.0, 0.0], (len(own), 1))
     order = np.argsort(functions[:, DIRECTION], kind="stable")
     return AnglePlan(np.concatenate([angles, np.column_stack([once, own])]), factors, behind, order)
+
+
+def join_plans(functions: Floats, first: AnglePlan, second: AnglePlan) -> AnglePlan:
+    """The plan of `functions` (K, COLUMNS) of which the first ones have the plan `first`, the others `second`."""
+    behind = int(first.angles[:, [POWERS, INVERSE_POWERS]].sum())  # powers that come before those of the second
+    later = second.factors.copy()
+    later[:, 1:] += behind
+    return AnglePlan(
+        np.concatenate([first.angles, second.angles]), np.concatenate([first.factors, later]),
+        np.r_[first.behind, second.behind], np.argsort(functions[:, DIRECTION], kind="stable"),
+    )  # fmt: skip
 
 
 def _as_multiples(functions: Floats, half_waves: Floats) -> tuple[Ints, Bools]:

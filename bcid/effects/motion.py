@@ -8,10 +8,11 @@ from bcid.aliases import Floats, Switches
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import motor, tyres
 from bcid.effects.actuators import ActuatorChain
-from bcid.effects.car import Actuation, BodyState, LagState, Wrench, add_remainder, is_lagging, wrench_with_effects
+from bcid.effects.car import Actuation, BodyState, LagState, Wrench, is_lagging, wrench_with_effects
 from bcid.effects.constants import Constants
 from bcid.effects.lags import decay_at_stage
 from bcid.effects.remainder import no_remainder
+from bcid.effects.unnamed_action import add_remainder
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 INPUTS = ("v_x", "omega", "v_fx", "alpha_f", "alpha_r", "delta", "delta_rate", "u_m", "p_x", "p_y", "t")
 """What the functions depend on: m/s and rad/s of the body, the front hub's speed along the wheel (m/s), slip angles
-(rad), the steering angle and its rate (rad, rad/s), the throttle, the place on the floor (m), the recording's time (s).
+(rad), the wheel's angle and the servo's rate (rad, rad/s), the throttle, the place on the floor (m), the time (s).
 """
 
 DIRECTIONS = (
@@ -22,7 +22,10 @@ COEFFICIENT, DIRECTION, PHASE, WAVE = 0, 1, 2, 3  # columns of the table of func
 COLUMNS = WAVE + len(INPUTS)
 ROLLING_V = 0.05  # m/s, well above which a car rolls: where dry friction has its full size
 MOST = 224
-"""Functions that the table has room for."""
+"""Functions that a fit may hold."""
+SETS = 3  # a fit's, and those of a simulation that was itself fitted beside another's
+ROOM = SETS * MOST
+"""Functions that the table has room for, in so many sets, each over ranges of its own."""
 
 
 class RemainderInputs(NamedTuple):

@@ -13,7 +13,7 @@ from bcid.effects import forces, harmonics, measurement, motor, steering, tyres
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.entry import Effect
 from bcid.effects.harmonics import AnglePlan
-from bcid.effects.remainder_table import COLUMNS, MOST
+from bcid.effects.remainder_table import COLUMNS, ROOM
 from bcid.errors import UsageError
 
 EFFECTS: dict[str, Effect] = {
@@ -59,8 +59,8 @@ def _layout(parameters: tuple[str, ...], marks: tuple[str, ...]) -> Any:
             np.record,
             [
                 *((name, np.float64) for name in (*parameters, ANY_ON_BODY, REMAINDERS, ANGLES, POWERS, *marks)),
-                (REMAINDER, np.float64, (MOST, harmonics.PLANNED_COLUMNS)),
-                (FACTOR, np.int64, (MOST, 1 + harmonics.FACTORS)),
+                (REMAINDER, np.float64, (ROOM, harmonics.PLANNED_COLUMNS)),
+                (FACTOR, np.int64, (ROOM, 1 + harmonics.FACTORS)),
                 (ANGLE, np.float64, (harmonics.MOST_ANGLES, harmonics.ANGLE_COLUMNS)),
             ],
         )

@@ -15,14 +15,12 @@ from bcid.aliases import Bools, Floats
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import MEASURED_SPEED, RAW_COMMANDS
 from bcid.effects.entry import Effect, Parameter, VehicleScale, resize_effect
-from bcid.effects.harmonics import AnglePlan
-from bcid.effects.remainder_table import COEFFICIENT
-from bcid.effects.table import ENTRIES, NO_FUNCTIONS, effect_switches
+from bcid.effects.table import ENTRIES, effect_switches
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.prediction_inputs import PredictionInputs, cached_actuator_chain
 from bcid.likelihood.prior import TRUST_NU, Prior
 from bcid.likelihood.take import Take
-from bcid.likelihood.tracking_functions import AMOUNT, NO_TRACKING
+from bcid.likelihood.unnamed_functions import NO_REMAINDER, NO_UNNAMED, RemainderFunctions, UnnamedFunctions
 from bcid.physics.car import FASTEST_FOLLOWING_S, Car
 
 TYRES = ("I_z", "C_f", "C_r", "F_f_max", "F_r_max")
@@ -74,19 +72,6 @@ class TrustedSimulation(NamedTuple):
     share: float = 1.0  # by which the prior counts where only this share of a take is fitted
 
 
-class RemainderFunctions(NamedTuple):
-    """Functions without a name, which act beside a hypothesis, and how large their coefficients may be."""
-
-    functions: Floats  # (B, COLUMNS) on the body, as in `bcid.effects.remainder`, with coefficients of zero
-    tracking: Floats  # (M, TRACKING_COLUMNS) as in `bcid.likelihood.tracking_functions`, likewise
-    channel: tuple[str, ...]  # (B + M,) in which each acts
-    sd: Floats  # (B + M,) prior standard deviations of the coefficients (m/s^2, rad/s^2, rad, m, s)
-    plan: AnglePlan | None = None  # by which those on the body are computed
-
-
-NO_REMAINDER = RemainderFunctions(NO_FUNCTIONS, NO_TRACKING, (), np.zeros(0))
-
-
 @dataclass(frozen=True)
 class Hypothesis:
     """The base model with a set of effects, whose parameters form one vector phi.
@@ -107,6 +92,7 @@ class Hypothesis:
     trusted_simulation: TrustedSimulation | None = None
     measured_point: bool = False  # the vehicle file says where on the car the tracked point is
     remainder: RemainderFunctions = field(default=NO_REMAINDER, compare=False)
+    known: UnnamedFunctions = field(default=NO_UNNAMED, compare=False)  # of the simulation: part of the base model
 
     @cached_property
     def entries(self) -> dict[str, Effect]:
@@ -299,15 +285,14 @@ class Hypothesis:
         drags = phi[len(self.log_parameters) : self.base_size] * self.drag_units
         return self.nominal._replace(**logs, **dict(zip(DRAG, drags.tolist(), strict=True)))
 
-    def functions(self, phi: Floats) -> tuple[Floats, Floats]:
+    def functions(self, phi: Floats) -> UnnamedFunctions:
         """The remainder's functions on the body and in the tracking, with their coefficients in phi."""
-        body, tracking, c = *(t.copy() for t in self.remainder[:2]), phi[self.named_size :] * self.remainder.sd
-        body[:, COEFFICIENT], tracking[:, AMOUNT] = c[: len(body)], c[len(body) :]
-        return body, tracking
+        return self.remainder.with_coefficients(phi[self.named_size :] * self.remainder.sd)
 
     def prediction_inputs(self, phi: Floats, take: Take) -> PredictionInputs:
         """The car, effect switches and commands after the actuators that predict `take` at the parameter vector phi."""
-        car, (body, tracking) = self.car(phi), self.functions(phi)
-        e = effect_switches(self.effect_values(phi), body, self.remainder.plan)
+        car, own = self.car(phi), self.functions(phi)
+        every = self.known.join(own)
+        e = effect_switches(self.effect_values(phi), every.on_body, every.plan)
         chain = cached_actuator_chain(take, car, self.angle_limit, e)
-        return PredictionInputs(car, e, chain, self.constants, body, tracking)
+        return PredictionInputs(car, e, chain, self.constants, own.on_body, own.tracking, self.known.tracking)

@@ -15,7 +15,7 @@ from bcid.compiled.lane_access import gather_lanes, load_lanes, store_lanes
 from bcid.compiled.lanes import LANES, where
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects.actuators import ActuatorChain
-from bcid.effects.car import Actuation, BodyState, LagState, add_remainder, wrench_with_effects
+from bcid.effects.car import Actuation, BodyState, LagState, wrench_with_effects
 from bcid.effects.constants import Constants
 from bcid.effects.motor_past import (
     follow_throttle,
@@ -26,6 +26,7 @@ from bcid.effects.motor_past import (
     remembered_steps,
 )
 from bcid.effects.remainder import no_remainder
+from bcid.effects.unnamed_action import add_remainder
 from bcid.likelihood.lane_rollout import LaneSegments, Rollout, step_inputs_in_lanes
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos

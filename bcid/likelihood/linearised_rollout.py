@@ -8,19 +8,11 @@ from bcid.aliases import Floats, Switches
 from bcid.compiled.lanes import LANES
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects.actuators import ActuatorChain
-from bcid.effects.car import (
-    Actuation,
-    BodyState,
-    LagState,
-    add_remainder,
-    inputs_of_remainder,
-    is_lagging,
-    turn_wheel,
-    varies_with_pose,
-)
+from bcid.effects.car import Actuation, BodyState, LagState, is_lagging, varies_with_pose
 from bcid.effects.constants import Constants
 from bcid.effects.motion import stage_actuation
 from bcid.effects.remainder_table import INPUTS
+from bcid.effects.unnamed_action import add_remainder, inputs_of_remainder, turn_wheel
 from bcid.likelihood.lag_derivatives import store_steady
 from bcid.likelihood.lane_rollout import (
     PATH_SIZE,
@@ -98,7 +90,7 @@ def linearise_segments(
         if i == middle // (2 * knots):
             # of a knot of an odd number of steps the middle is that of a step
             there, stage = (before, 0) if middle % (2 * knots) == 0 else (_middle_state(before, b), 1)
-            _store_along(along, knot, there, stage_actuation(stage, inputs, chain.h), p)
+            _store_along(along, knot, there, stage_actuation(stage, inputs, chain.h), p, e)
         step_matrix(matrix, d, chain.h, lagging, pulled, turns, len(widths))
         turned = (b.p_x - before.p_x, b.p_y - before.p_y)
         for j in range(begin, begun):
@@ -149,10 +141,10 @@ def _middle_state(begin: BodyState, end: BodyState) -> BodyState:
 
 
 @njit
-def _store_along(along: Floats, knot: int, b: BodyState, act: Actuation, p: Car) -> None:
+def _store_along(along: Floats, knot: int, b: BodyState, act: Actuation, p: Car, e: Switches) -> None:
     """Write what a remainder depends on, and the heading, to row `knot` of `along` (knots, ALONG, LANES)."""
     flat, at = along.reshape(along.size), knot * ALONG
-    s = inputs_of_remainder(act, b, p)
+    s = inputs_of_remainder(act, b, p, e)
     for k, value in enumerate((
         s.v_x, s.omega, s.v_fx, s.alpha_f, s.alpha_r, s.delta, s.delta_rate, s.u_m, s.p_x, s.p_y, s.t, b.theta,
     )):  # fmt: skip

@@ -69,7 +69,7 @@ def linearise_residuals(
     if not len(functions) and not len(inputs.tracking):
         poses, (by_state, J, by_pushes), _ = _linearise(take, inputs, start, changed, COARSE)
         A = np.concatenate([by_state, by_pushes], axis=2)
-        return LinearisedResiduals(wrap_yaw(take.pose - poses), A, np.ascontiguousarray(J))
+        return LinearisedResiduals(_residuals(take, inputs, poses), A, np.ascontiguousarray(J))
     r, A, J, history, poses = linearise_histories(take, inputs, start, changed)
     acting = answer_to(history.D, history_values(functions, history.along, inputs.car), take.first)
     seen = tracking_changes(inputs.tracking, poses, take.seen_rows)
@@ -110,8 +110,9 @@ def pose_residuals(take: Take, inputs: PredictionInputs, start: Floats) -> Float
 
 def _residuals(take: Take, inputs: PredictionInputs, poses: Floats) -> Floats:
     """Measured less predicted `poses` (N, 3), these as the tracking shows them by what it does without a name."""
-    if len(inputs.tracking):
-        poses = poses + tracking_changes(inputs.tracking, poses, take.seen_rows) @ inputs.tracking[:, AMOUNT]
+    tracking = np.concatenate([inputs.known_tracking, inputs.tracking])
+    if len(tracking):
+        poses = poses + tracking_changes(tracking, poses, take.seen_rows) @ tracking[:, AMOUNT]
     return wrap_yaw(take.pose - poses)
 
 

@@ -31,6 +31,7 @@ class PredictionInputs(NamedTuple):
     constants: Constants
     functions: Floats = NO_FUNCTIONS  # (K, COLUMNS) without a name that act on the body: the switches have them, too
     tracking: Floats = NO_TRACKING  # functions (M, TRACKING_COLUMNS) without a name that are added to seen poses
+    known_tracking: Floats = NO_TRACKING  # those of a simulation, likewise
 
     @property
     def kernel_arguments(self) -> tuple[ActuatorChain, Car, Any, Constants]:

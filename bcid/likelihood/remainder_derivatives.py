@@ -8,14 +8,7 @@ from typing import NamedTuple
 
 from bcid.aliases import Floats, Switches
 from bcid.compiled.njit import njit, njit_inline
-from bcid.effects.car import (
-    Actuation,
-    BodyState,
-    Wrench,
-    inputs_of_remainder,
-    replace_remainder,
-    wheel_directions,
-)
+from bcid.effects.car import Actuation, BodyState, Wrench
 from bcid.effects.harmonics import ON_COSINE, ON_SINE, angle_powers, product_of_powers
 from bcid.effects.remainder import RemainderAction, WheelDirections, add_to_remainder, no_remainder, unit_remainder
 from bcid.effects.remainder_table import (
@@ -28,6 +21,7 @@ from bcid.effects.remainder_table import (
     WORLD_Y,
     RemainderInputs,
 )
+from bcid.effects.unnamed_action import inputs_of_remainder, replace_remainder, wheel_directions
 from bcid.likelihood.step_derivatives import (
     SLOPE,
     TURN_STEP,
@@ -99,7 +93,8 @@ def differentiate_remainder(out: Floats, b: BodyState, act: Actuation, p: Car, e
     """
     if e.remainders == 0.0:
         return act
-    s, w = inputs_of_remainder(act, b, p), wheel_directions(b, act)
+    s = inputs_of_remainder(act, b, p, e)
+    w = wheel_directions(b, s.delta)
     slip, j, zero, rest = _slip_slopes(b, s, w, p), 0, 0.0 * b.v_x, no_remainder(b.v_x)
     powers = angle_powers(e, s)
     for i in range(6):

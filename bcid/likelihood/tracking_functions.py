@@ -27,8 +27,8 @@ class SeenRows(NamedTuple):
 
 def tracking_changes(functions: Floats, poses: Floats, rows: SeenRows) -> Floats:
     """Changes (N, 3, M) of seen poses x, y (m), yaw (rad) by a unit of each of M `functions`, at predicted `poses`."""
-    if not len(functions):
-        return np.zeros((*poses.shape, 0))
+    if not len(functions) or not len(poses):
+        return np.zeros((*poses.shape, len(functions)))
     s = np.column_stack([poses[:, 0], poses[:, 1], rows.time_s])
     values = np.cos(s @ functions[:, FIRST_WAVE:].T + functions[:, SHIFT])
     units = _unit_changes(poses, rows)

@@ -18,8 +18,6 @@ from bcid.effects.car import (
     is_lagging,
     is_pulled_by_place,
     own_pushes,
-    replace_remainder,
-    turn_wheel,
     varies_with_pose,
     wrench_with_effects,
 )
@@ -36,6 +34,7 @@ from bcid.effects.motion import (
 )
 from bcid.effects.own_laws import own_pushes_vary_with_pose
 from bcid.effects.remainder import RemainderAction, add_to_remainder
+from bcid.effects.unnamed_action import replace_remainder, turn_wheel
 from bcid.likelihood.lag_derivatives import move_lag, store_lag_coefficients, store_steady
 from bcid.likelihood.remainder_derivatives import (
     accelerations_by,

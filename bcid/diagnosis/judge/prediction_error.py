@@ -10,6 +10,7 @@ from bcid.bootstrap import draw_blocks, quantile_interval
 from bcid.diagnosis.judge.held_out import block_length_s, refit_on_half, split_halves
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.documents.diagnosis import HorizonError
+from bcid.errors import UsageError
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
@@ -21,6 +22,7 @@ from bcid.likelihood.nuisance import without_pushes
 from bcid.likelihood.prepare import effect_constants
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import GROUP_S, Take
+from bcid.likelihood.unnamed_functions import UnnamedFunctions
 from bcid.models.fitting.windows import inverse_spread
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.saved_car import correlation_fact
@@ -47,6 +49,7 @@ def model_from_fit(fit: Fit, T: float, period_s: float) -> AugmentedNewtonEuler:
     `T` (s) is the recording's length, which the effect `motor_sag` needs: its motor force falls as 1 - s t / T.
     """
     hypothesis = fit.hypothesis
+    _require_names(hypothesis.known)
     se = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     car = fit.car()
     fitted = [*hypothesis.log_parameters, *DRAG]
@@ -64,6 +67,12 @@ def model_from_fit(fit: Fit, T: float, period_s: float) -> AugmentedNewtonEuler:
     )
 
 
+def _require_names(known: UnnamedFunctions) -> None:
+    """Raise `UsageError` where a simulation has functions without a name, which no model can be saved with."""
+    if known.size:
+        raise UsageError("a model has no functions without a name\n  next: use a simulation of names alone")
+
+
 def model_from_reference(
     reference: ReferenceModel, vehicle: Vehicle, T: float, period_s: float
 ) -> AugmentedNewtonEuler:
@@ -72,6 +81,7 @@ def model_from_reference(
     A step is `period_s` (s).  `T` (s) is the recording's length, which the effect `motor_sag` needs: its motor force
     falls as 1 - s t / T.
     """
+    _require_names(reference.known)
     return AugmentedNewtonEuler(
         reference.car, reference.effects, effect_constants(vehicle), vehicle.steering.max_angle_rad, T, period_s, {}
     )

@@ -10,6 +10,7 @@ from bcid.compiled.njit import njit_inline, njit_parallel
 from bcid.effects.actuators import ActuatorChain, actuation_at
 from bcid.effects.car import LagState, unpack_body, unpack_lags, wrench_with_effects
 from bcid.effects.constants import Constants
+from bcid.effects.linkage import angle_at_rest
 from bcid.effects.motion import integrate_body
 from bcid.likelihood.lane_rollout import SegmentLayout, push_wrenches, segment_layout, shift_chain_time
 from bcid.likelihood.lane_start import first_lags_of_one, steps_of_recording
@@ -47,9 +48,9 @@ def _mean_knot_states(
 ) -> Floats:
     """Mean predicted state over each 0.5 s knot of all S segments: (S, KNOTS, 12), columns in the order of STATE_NAMES.
 
-    They are p_x, p_y (m), theta (rad, world), v_x, v_y (m/s), omega (rad/s, body), delta and its rate, throttle u_m,
-    slip angles alpha_f and alpha_r (rad), and the motor's force F_m (N).  Predictions start from `start` (S,
-    N_NUISANCE), each segment's initial state and disturbances.
+    They are p_x, p_y (m), theta (rad, world), v_x, v_y (m/s), omega (rad/s, body), delta of the wheel (rad) and its
+    rate at the servo (rad/s), throttle u_m, slip angles alpha_f and alpha_r (rad), and the motor's force F_m (N).
+    Predictions start from `start` (S, N_NUISANCE), each segment's initial state and disturbances.
     """
     S = len(layout.step)
     out = np.zeros((S, KNOTS, 12))
@@ -65,7 +66,7 @@ def _mean_knot_states(
             w = wrench_with_effects(b, act, unpack_lags(path[i]), p, e[0], c)
             v_ry = b.v_y - p.l_r * b.omega
             row = (
-                b.p_x, b.p_y, b.theta, b.v_x, b.v_y, b.omega, act.delta,
+                b.p_x, b.p_y, b.theta, b.v_x, b.v_y, b.omega, angle_at_rest(act.delta, e[0]),
                 (chain.delta[2 * k + 2] - chain.delta[2 * k]) / chain.h, act.u_m, w.steady.alpha_f,
                 np.arctan(v_ry / max(abs(b.v_x), p.v_0)), driving_force(w.steady, p),
             )  # fmt: skip

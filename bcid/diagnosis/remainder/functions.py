@@ -16,7 +16,6 @@ import numpy as np
 from bcid.aliases import Bools, Floats, Ints
 from bcid.effects.harmonics import NO_HALF_WAVES, plan_angles
 from bcid.effects.remainder_table import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
-from bcid.likelihood.hypothesis import RemainderFunctions
 from bcid.likelihood.tracking_functions import (
     FIRST_WAVE,
     INTO,
@@ -25,6 +24,7 @@ from bcid.likelihood.tracking_functions import (
     TRACKING_DIRECTIONS,
     TRACKING_INPUTS,
 )
+from bcid.likelihood.unnamed_functions import RemainderFunctions
 from bcid.physics.car import Car
 
 TURN_RAD = 0.1

@@ -84,7 +84,7 @@ def add_name(state: SearchState, rest: RemainderFit, more: Sequence[Fit], report
     report_round(promising, fit, report)
     quick = refits.refit_candidates_along_tangent(fit, take, promising)
     promised = {c.effect: c.score for c in promising if c.score > 0.0}
-    better = _best_credible(state, [*quick, *more], rest, promised)
+    better = _best_credible(state, quick, rest, promised, more)
     if better is None and rest.nats > state.gate:
         # what the base model takes up shows beside no fit of it, and may have been refused from a small size
         large = [f for f in state.from_large_sizes(fit) if all(f is not tried for tried in more)]
@@ -115,20 +115,22 @@ def _promising_beside(state: SearchState, rest: RemainderFit, trials: TrialChang
 
 
 def _best_credible(
-    state: SearchState, fits: Sequence[Fit], rest: RemainderFit, promised: Mapping[str, float]
-) -> RemainderFit | None:
+    state: SearchState, fits: Sequence[Fit], rest: RemainderFit, promised: Mapping[str, float],
+    more: Sequence[Fit] = (),
+) -> RemainderFit | None:  # fmt: skip
     """The fit of greatest evidence of those of a size that a car may have, if it exceeds that of `rest` enough.
 
     `fits` have one effect more than `rest` each, whose evidence the score test has `promised` to grow.  What cannot add
-    as much as the gate is refused, and not tried again.
+    as much as the gate is refused, and not tried again; but for those `more`, which began far from `rest`, and of which
+    another start may make more.
     """
     least, best, added = rest.log_evidence + state.gate, None, dict[str, float]()
-    for f in refits.rank_credible_fits(fits, state.take):
+    for f in refits.rank_credible_fits([*fits, *more], state.take):
         to_exceed = max(least, best.log_evidence) if best else least
         found = _weigh_candidate(state, rest, f, to_exceed, promised.get(f.hypothesis.effects[-1], 0.0))
         if found.log_evidence > rest.log_evidence + state.required_nats(found.nats):
             best = greater_evidence(best, found)
-        elif to_exceed == least:
+        elif to_exceed == least and not any(f is other for other in more):
             added[f.hypothesis.effects[-1]] = found.log_evidence - rest.log_evidence
     held = best.named.hypothesis.effects if best else ()
     state.tell_added({name: nats for name, nats in added.items() if name not in held})

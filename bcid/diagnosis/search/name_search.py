@@ -57,14 +57,14 @@ class Naming(NamedTuple):
 
 
 def name_effects(
-    base: Fit, take: Take, excluded: Sequence[str] = (), others: Sequence[Fit] = (),
+    base: Fit, take: Take, excluded: Sequence[str] = (), others: Sequence[Fit] = (), given: Fit | None = None,
     report: Report = lambda text: None,
 ) -> Naming:  # fmt: skip
     """Name the effects that a take shows beside the fitted `base` model, but for those `excluded`.
 
-    The first effect is also sought from large sizes and beside `others`: a reference model at its own parameters, since
-    refitted ones may hide what is missing, and fits of the base model in other basins, of which an effect may make one
-    the likeliest.
+    The first effect is also sought from large sizes; beside a simulation as it is `given`, since refitted parameters
+    may hide what is missing; and beside `others`, fits of the base model in other basins, of which an effect may make
+    one the likeliest.
     `report` is called with a text in each round.
     """
     report("the base model's own simplifications")
@@ -73,9 +73,12 @@ def name_effects(
     state = SearchState(take, basis_for(corrected, take), tuple(excluded))
     before = state.beside_remainder(corrected)
     state.draw_nulls(before)
-    more = [f for other in others for f in refit_beside(other, corrected, take, excluded)]
+    starts = [given, *others] if given else others
+    more = [f for start in starts for f in refit_beside(start, corrected, take, excluded)]
     if before.nats > state.gate:
         more += state.from_large_sizes(corrected)
+        if given:
+            more += refits.refit_from_simulation(given, corrected, take, excluded)
     rest = _add_names(state, before, more, report)
     report("each name left out, and exchanged")
     fit = rest.named if "pose_latency" in excluded else replace_delays_by_latency(rest.named, take)

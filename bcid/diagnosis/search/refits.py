@@ -1,7 +1,7 @@
 """Joint refits with one effect more, or fewer: from the score test, or from large sizes."""
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -9,10 +9,10 @@ import numpy as np
 from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.search.screen import CandidateEffect, sharpen_places
 from bcid.effects.corrections import CORRECTIONS
-from bcid.effects.entry import Parameter
+from bcid.effects.entry import Effect, Parameter
 from bcid.effects.table import EFFECTS, ENTRIES, effect_ids
 from bcid.likelihood.divergence import map_converged, none_if_diverged
-from bcid.likelihood.refit import Fit, refit
+from bcid.likelihood.refit import Fit, log_likelihood_along, refit
 from bcid.likelihood.refit_state import Effort
 from bcid.likelihood.take import Take
 
@@ -27,6 +27,9 @@ ABSORBED_BY_BASE_MODEL = (
 NEAR_FIT, NEAR_PUBLISHED = 1.0, 1.6
 """Multiples of their declared sizes from which those effects are refitted: beside the fit, and beside what was known
 before it, a published simulation or the nominal car.  On every PART_STRIDE-th segment first."""
+
+MULTIPLES_BESIDE_SIMULATION = (1.0, 4.0)
+"""Multiples of its declared size at which an effect is tried beside a simulation as it is given."""
 
 FAR = Effort(tangents=12, iterations=10)
 """Where a start is far from any maximum."""
@@ -77,6 +80,47 @@ def refit_from_large_sizes(fit: Fit, take: Take, excluded: Sequence[str]) -> lis
     if best is None:
         return []
     return list(map_converged(refit, [(take, best.hypothesis, best.phi, fit.start, fit.scales)]))
+
+
+def refit_from_simulation(given: Fit, corrected: Fit, take: Take, excluded: Sequence[str]) -> list[Fit]:
+    """Joint refits of the `corrected` base model from a simulation as it is `given`, each with an effect more.
+
+    Refitted base parameters take up much of what a car has beyond its simulation.  Beside the simulation itself the
+    scale of the pushes grows with what is missing, and takes it up, so that a score test shows little of it there, too.
+    Hence effects are tried at large sizes, that scale is found anew beside each, and those that then make the take
+    likeliest are refitted.
+    """
+    h = corrected.hypothesis
+    known = h.effect_values(corrected.phi) | given.hypothesis.effect_values(given.phi)
+    phi = h.phi_of(given.car(), [known[field] for field, _ in h.effect_parameters])
+    tried = _effects_beside_simulation(given, take, (*excluded, *h.effects))[: SEARCH_LIMITS.max_candidates]
+    starts = [(take, *h.add_effect(name, phi, values), given.start, given.scales) for name, values in tried]
+    return list(map_converged(refit, starts))
+
+
+def _effects_beside_simulation(given: Fit, take: Take, excluded: Sequence[str]) -> list[tuple[str, list[float]]]:
+    """All effects without a place, with the values of those tried that make a take likeliest, likeliest first."""
+    h, found = given.hypothesis, dict[str, tuple[float, list[float]]]()
+    for name in (n for n in h.entries if n in EFFECTS and n not in excluded):
+        for values in _sizes_beside_simulation(h.entries[name]):
+            more, phi = h.add_effect(name, given.phi, values)
+            nats = none_if_diverged(log_likelihood_along, given, take, more, phi)
+            if nats is not None and (name not in found or nats > found[name][0]):
+                found[name] = nats, values
+    return [(name, found[name][1]) for name in sorted(found, key=lambda name: -found[name][0])]
+
+
+def _sizes_beside_simulation(effect: Effect) -> Iterator[list[float]]:
+    """Parameters (SI) of an effect, one after the other at large and usual sizes, either way, within its bounds.
+
+    There are none of an effect with a place, of which there would be too many.
+    """
+    if effect.place_parameters:
+        return
+    for p, multiple, sign in itertools.product(effect.parameters, MULTIPLES_BESIDE_SIMULATION, (1.0, -1.0)):
+        value = float(np.clip(sign * multiple * p.size, p.low, p.high))
+        if value != p.off:
+            yield [value if q is p else q.off for q in effect.parameters]
 
 
 def refit_along_tangent(fit: Fit, take: Take, candidate: CandidateEffect) -> Fit:

@@ -84,14 +84,14 @@ class VariedTake:
         self.base = fit_base_model([self.recording], [estimate], vehicle, reference)
         self.left_out, self.kept = case.left_out, KeptFits()
         with refuse_divergence([self.recording]):
-            self.starts = self.base.starts_of_names()
+            self.given = self.base.evaluate_reference()
             self.naming = self.search()
         self.kept.is_open = False
 
     def search(self) -> Naming:
         """The names that a search gives with the limits as they are now."""
         with threadpool_limits(1, "blas"), use_kept_fits(self.kept):
-            return name_effects(self.base.fit, self.base.take, self.left_out, self.starts)
+            return name_effects(self.base.fit, self.base.take, self.left_out, self.base.others, self.given)
 
     def tell(self, variation: Variation) -> dict[str, Any]:
         """What the take is told (`told_verdict`) with a limit changed.

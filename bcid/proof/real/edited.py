@@ -17,6 +17,7 @@ from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.refit import refit
+from bcid.likelihood.unnamed_functions import NO_REMAINDER
 from bcid.proof.real.edits import EDITS
 from bcid.proof.real.limits import LIMITS
 from bcid.proof.real.question_files import QuestionInputs, reference_as_row, reference_from_row
@@ -52,7 +53,7 @@ def diagnose_unedited_drive(
 
     Returns the row of an `UneditedDrive`, of the part of the recording that a `variation` keeps.
 
-    The second diagnosis is against the best fit of the first, which becomes the drive's own model.  The edited
+    The second diagnosis is against all that the first shows, which becomes the drive's own model.  The edited
     recording is later diagnosed against that model; otherwise an effect that only a second diagnosis finds would be
     attributed to the edit.  An effect whose fit diverges is left out.
     """
@@ -71,12 +72,13 @@ def diagnose_unedited_drive(
 
 
 def _trusted_simulation(diagnosis: Diagnosis) -> ReferenceModel:
-    """The best fit of a diagnosis as a reference model whose parameters have a narrow prior when they are refitted.
+    """All that a diagnosis shows, as a reference model whose parameters have a narrow prior when they are refitted.
 
-    The model is a car with its named effects; the prior's relative standard deviation is
-    `LIMITS.unedited_relative_sd`.
+    The model is a car with its named effects and what has no name: beside a car that lacks this, most of what an edit
+    does could be more of the same.  The prior's relative standard deviation is `LIMITS.unedited_relative_sd`; what has
+    no name is held.
     """
-    return ReferenceModel.from_fit(diagnosis.fit)._replace(relative_sd=LIMITS.unedited_relative_sd)
+    return ReferenceModel.from_fit(diagnosis.whole_fit)._replace(relative_sd=LIMITS.unedited_relative_sd)
 
 
 def answer_edited_question(
@@ -129,10 +131,13 @@ def _unedited_values(effect: str, unedited: Diagnosis) -> dict[str, tuple[float,
     there have a prior of relative standard deviation `LIMITS.unedited_relative_sd`.  An effect bounded to one sign is
     fitted at about zero if the drive shows the other sign.
     """
-    best = unedited.fit
-    values, entry = best.hypothesis.effect_values(best.phi), best.hypothesis.entries[effect]
+    best, simulation = unedited.whole_fit, _trusted_simulation(unedited)
+    values, entry = simulation.effects, best.hypothesis.entries[effect]
     rest = {field: v for field, v in values.items() if field not in entry.fields}
-    known = replace(best.hypothesis, nominal=best.car(), assumed=effect_ids(rest))
+    known = replace(
+        best.hypothesis, nominal=simulation.car, assumed=effect_ids(rest), known=simulation.known,
+        remainder=NO_REMAINDER,
+    )  # fmt: skip
     known = known.trust_simulation([*rest.values()], LIMITS.unedited_relative_sd).with_effects()
     phi = known.phi_of(best.car(), [*rest.values()])
     own = [values.get(field, p.off) for field, p in zip(entry.fields, entry.parameters, strict=True)]

@@ -7,13 +7,19 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from bcid.diagnosis.reference import reference_from_parameters
 from bcid.diagnosis.reference_model import ReferenceModel
+from bcid.effects.harmonics import ANGLE_COLUMNS, FACTORS, AnglePlan
+from bcid.effects.remainder_table import COLUMNS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tune import tune_estimator
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
 from bcid.files.toml import validate_settings
+from bcid.likelihood.tracking_functions import TRACKING_COLUMNS
+from bcid.likelihood.unnamed_functions import UnnamedFunctions
 from bcid.physics.car import Car
 from bcid.proof.real.questions import QuestionFile, RecordedDrive
 from bcid.proof.real.variations import AS_ASKED, QuestionVariation, cut_recording
@@ -81,10 +87,26 @@ def reference_as_row(reference: ReferenceModel | None) -> dict[str, Any] | None:
     """A reference model as JSON holds it: each of its fields, mappings as objects; None where there is none."""
     if reference is None:
         return None
-    fields = {**reference._asdict(), "car": reference.car._asdict()}
+    known = reference.known
+    plan = known.plan and {name: array.tolist() for name, array in known.plan._asdict().items()}
+    functions = {"on_body": known.on_body.tolist(), "tracking": known.tracking.tolist(), "plan": plan}
+    fields = {**reference._asdict(), "car": reference.car._asdict(), "known": functions}
     return {name: dict(value) if isinstance(value, Mapping) else value for name, value in fields.items()}
 
 
 def reference_from_row(row: Mapping[str, Any] | None) -> ReferenceModel | None:
     """The reference model that `reference_as_row` made a row of."""
-    return None if row is None else ReferenceModel(**{**row, "car": Car(**row["car"])})
+    if row is None:
+        return None
+    known = row["known"]
+    tables = (np.reshape(known["on_body"], (-1, COLUMNS)), np.reshape(known["tracking"], (-1, TRACKING_COLUMNS)))
+    functions = UnnamedFunctions(*tables, known["plan"] and _plan_from_row(known["plan"]))
+    return ReferenceModel(**{**row, "car": Car(**row["car"]), "known": functions})
+
+
+def _plan_from_row(row: Mapping[str, Any]) -> AnglePlan:
+    """The plan of functions of which a row holds the lists; those that are empty have lost their shapes."""
+    factors, order = (np.array(row[name], dtype=np.int64) for name in ("factors", "order"))
+    return AnglePlan(
+        np.reshape(row["angles"], (-1, ANGLE_COLUMNS)), factors.reshape(-1, 1 + FACTORS), np.array(row["behind"]), order
+    )
