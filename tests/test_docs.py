@@ -274,6 +274,13 @@ def test_the_docs_tables_of_real_recordings_are_those_of_the_committed_rows() ->
     assert all(outcome["code"] in page for outcome in found)
 
 
+def test_the_docs_tell_how_many_edits_are_found_beside_what_has_no_name() -> None:
+    found = json.loads((DOCS / "results" / "edited_dart.json").read_text(encoding="utf-8"))
+    right = sum(row["right"] for row in found["rows"] if row["tier"] == "edited")
+    said = f"{right} of {len(found['rows'])} on 10_01_01 are right (docs/results/edited_dart.json)"
+    assert said in (DOCS / "real_recordings.md").read_text(encoding="utf-8")
+
+
 def test_the_readme_is_a_door() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= README_WORDS
 
