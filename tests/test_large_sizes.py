@@ -41,7 +41,7 @@ def test_a_dead_zone_that_a_weaker_motor_imitates_is_found_from_a_large_size() -
 
 
 def test_a_large_effect_is_found_beside_a_simulation_as_it_is_given() -> None:
-    """Of those refitted it is the likeliest; what is excluded is not tried."""
+    """Of the effects that are refitted, the delay that was made is the likeliest; an excluded effect is not tried."""
     known, (base, take) = concealing(60.0)[0], concealing(60.0, steering_delay=0.12)
     given = evaluate_fixed(take, base.hypothesis, base.hypothesis.phi_of(known.car()), base.scales)
     found = refit_from_simulation(given, base, take, ())
@@ -61,11 +61,11 @@ def test_large_sizes_are_tried_beside_a_simulation_where_something_is_missing(
     base, take = concealing(60.0, **({"steering_delay": missing} if missing else {}))
     tried = list[tuple[Fit, tuple[str, ...]]]()
 
-    def refitted(given: Fit, corrected: Fit, take: Take, excluded: tuple[str, ...]) -> list[Fit]:
+    def record_and_stop(given: Fit, corrected: Fit, take: Take, excluded: tuple[str, ...]) -> list[Fit]:
         tried.append((given, excluded))
         raise PredictionDiverged
 
-    monkeypatch.setattr(refits, "refit_from_simulation", refitted)
+    monkeypatch.setattr(refits, "refit_from_simulation", record_and_stop)
     monkeypatch.setattr(name_search, "_add_names", lambda state, before, more, report: before)
     name_effects(base, take, ("yaw_scrub",))
     assert not tried

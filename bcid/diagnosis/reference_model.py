@@ -13,14 +13,13 @@ from bcid.physics.car import Car
 
 
 class ReferenceModel(NamedTuple):
-    """The simulation that a recording is compared with, as a car and the effects that it has."""
+    """The simulation that a recording is compared with: a car, its effects, and functions without a name."""
 
     car: Car
     effects: dict[str, float]  # effect parameters by field of the switches
     relative_sd: float | None = None  # how well all of it is known; None to refit it freely
     relative_sd_of: Mapping[str, float] = MappingProxyType({})  # of parameters and effects that are known otherwise
     begin: Mapping[str, float] = MappingProxyType({})  # factors of parameters where a fit begins: the model is the same
-
     known: UnnamedFunctions = NO_UNNAMED  # functions without a name that it has, too: they are not refitted
 
     @classmethod

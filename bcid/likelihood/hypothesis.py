@@ -194,6 +194,10 @@ class Hypothesis:
         drags = np.array([getattr(car, s) for s in DRAG]) / self.drag_units
         return np.array([*logs, *drags, *(np.array(given) / self.effect_units()), *np.zeros(len(self.remainder.sd))])
 
+    def phi_at(self, car: Car, values: Mapping[str, float]) -> Floats:
+        """The parameter vector phi of `car` and of effects' parameters (SI) by field; those without a value are off."""
+        return self.phi_of(car, [values.get(field, p.off) for field, p in self.effect_parameters])
+
     def begin_at(self, factors: Mapping[str, float]) -> Hypothesis:
         """The hypothesis with another nominal car, from which fits begin; what a simulation is trusted for stays.
 

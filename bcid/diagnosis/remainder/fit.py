@@ -114,8 +114,7 @@ def leave_out(rest: RemainderFit, lesser: Fit, take: Take) -> RemainderFit:
     with_all, functions = rest.fit.hypothesis, rest.fit.phi[rest.fit.hypothesis.named_size :]
     values = with_all.effect_values(rest.fit.phi)
     hypothesis = replace(lesser.hypothesis, remainder=with_all.remainder)
-    own = [values[field] for field, _ in lesser.hypothesis.effect_parameters]
-    phi, near = lesser.hypothesis.phi_of(rest.fit.car(), own), rest.fit
+    phi, near = lesser.hypothesis.phi_at(rest.fit.car(), values), rest.fit
     further = none_if_diverged(
         refit, take, hypothesis, np.r_[phi, functions], near.start, near.scales, Effort(least=CONVERGED_NATS),
         ahead=(np.r_[lesser.phi, functions],),

@@ -169,7 +169,7 @@ def refit_beside(other: Fit, corrected: Fit, take: Take, excluded: Sequence[str]
     for quick in refits.refit_candidates_along_tangent(other, take, new):
         values = corrected.hypothesis.effect_values(corrected.phi) | quick.hypothesis.effect_values(quick.phi)
         hypothesis = corrected.hypothesis.with_effects(*corrected.hypothesis.effects, quick.hypothesis.effects[-1])
-        phi = hypothesis.phi_of(quick.car(), [values[field] for field, _ in hypothesis.effect_parameters])
+        phi = hypothesis.phi_at(quick.car(), values)
         found = none_if_diverged(refit, take, hypothesis, phi, quick.start, quick.scales)
         more += [found] if found else []
     return more

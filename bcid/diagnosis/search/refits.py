@@ -14,6 +14,7 @@ from bcid.effects.table import EFFECTS, ENTRIES, effect_ids
 from bcid.likelihood.divergence import map_converged, none_if_diverged
 from bcid.likelihood.refit import Fit, log_likelihood_along, refit
 from bcid.likelihood.refit_state import Effort
+from bcid.likelihood.score_test import replace_value
 from bcid.likelihood.take import Take
 
 QUICK = Effort(tangents=4, iterations=6)
@@ -91,8 +92,7 @@ def refit_from_simulation(given: Fit, corrected: Fit, take: Take, excluded: Sequ
     likeliest are refitted.
     """
     h = corrected.hypothesis
-    known = h.effect_values(corrected.phi) | given.hypothesis.effect_values(given.phi)
-    phi = h.phi_of(given.car(), [known[field] for field, _ in h.effect_parameters])
+    phi = h.phi_at(given.car(), h.effect_values(corrected.phi) | given.hypothesis.effect_values(given.phi))
     tried = _effects_beside_simulation(given, take, (*excluded, *h.effects))[: SEARCH_LIMITS.max_candidates]
     starts = [(take, *h.add_effect(name, phi, values), given.start, given.scales) for name, values in tried]
     return list(map_converged(refit, starts))
@@ -117,10 +117,13 @@ def _sizes_beside_simulation(effect: Effect) -> Iterator[list[float]]:
     """
     if effect.place_parameters:
         return
-    for p, multiple, sign in itertools.product(effect.parameters, MULTIPLES_BESIDE_SIMULATION, (1.0, -1.0)):
+    off = [p.off for p in effect.parameters]
+    for (i, p), multiple, sign in itertools.product(
+        enumerate(effect.parameters), MULTIPLES_BESIDE_SIMULATION, (1.0, -1.0)
+    ):
         value = float(np.clip(sign * multiple * p.size, p.low, p.high))
         if value != p.off:
-            yield [value if q is p else q.off for q in effect.parameters]
+            yield replace_value(off, i, value)
 
 
 def refit_along_tangent(fit: Fit, take: Take, candidate: CandidateEffect) -> Fit:

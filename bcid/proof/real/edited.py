@@ -133,7 +133,7 @@ def _unedited_values(effect: str, unedited: Diagnosis) -> dict[str, tuple[float,
     """
     best, simulation = unedited.whole_fit, _trusted_simulation(unedited)
     values, entry = simulation.effects, best.hypothesis.entries[effect]
-    rest = {field: v for field, v in values.items() if field not in entry.fields}
+    rest = simulation.without(effect).effects
     known = replace(
         best.hypothesis, nominal=simulation.car, assumed=effect_ids(rest), known=simulation.known,
         remainder=NO_REMAINDER,

@@ -10,9 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-import numpy as np
-
-from bcid.aliases import Floats
 from bcid.diagnosis.judge.verdict import are_indistinguishable
 from bcid.diagnosis.search import refits
 from bcid.diagnosis.search.screen import CandidateEffect, screen_effects, simulate_trials
@@ -21,7 +18,6 @@ from bcid.likelihood.divergence import map_converged, none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
-from bcid.physics.car import Car
 from bcid.proof.real.limits import LIMITS
 
 
@@ -61,15 +57,15 @@ def fit_true_structure(
     """
     more = structure.with_effects(*structure.effects, *effects)
     starts = [
-        (take, more, _phi_at(more, without.car(), known), without.start, without.scales)
+        (take, more, more.phi_at(without.car(), known), without.start, without.scales)
         for known in (_values_of(without), {**_values_of(without), **sizes})
     ]
     if whole is not None:
         start = whole.start if len(whole.start) == take.segments else take.start
-        starts.append((take, more, _phi_at(more, whole.car(), _values_of(whole)), start, whole.scales))
+        starts.append((take, more, more.phi_at(whole.car(), _values_of(whole)), start, whole.scales))
     best = refits.rank_fits(map_converged(refit, starts, required=True))[0]
     less = without.hypothesis
-    back = none_if_diverged(refit, take, less, _phi_at(less, best.car(), _values_of(best)), best.start, best.scales)
+    back = none_if_diverged(refit, take, less, less.phi_at(best.car(), _values_of(best)), best.start, best.scales)
     return TrueStructure(best, refits.rank_fits([without, *([back] if back else [])])[0])
 
 
@@ -104,8 +100,7 @@ def _refit_without(true: TrueStructure, less: Hypothesis, take: Take) -> Fit | N
     if true.without.hypothesis == less:
         return true.without
     starts = [
-        (take, less, _phi_at(less, fit.car(), _values_of(fit)), fit.start, fit.scales)
-        for fit in (true.without, true.fit)
+        (take, less, less.phi_at(fit.car(), _values_of(fit)), fit.start, fit.scales) for fit in (true.without, true.fit)
     ]
     return next(iter(refits.rank_fits(map_converged(refit, starts))), None)
 
@@ -126,16 +121,10 @@ def _refit_in_place(
     entry = more.entries[name]
     own = dict(values) or (dict(zip(entry.fields, candidate.values, strict=True)) if candidate else {})
     if own:
-        phi = _phi_at(more, true.fit.car(), {**_values_of(true.fit), **own})
+        phi = more.phi_at(true.fit.car(), {**_values_of(true.fit), **own})
         yield from map_converged(refit, [(take, more, phi, true.fit.start, true.fit.scales)])
 
 
 def _values_of(fit: Fit) -> dict[str, float]:
     """Parameters (SI) of a fit's effects by field."""
     return fit.hypothesis.effect_values(fit.phi)
-
-
-def _phi_at(hypothesis: Hypothesis, car: Car, values: Mapping[str, float]) -> Floats:
-    """The parameter vector of a car and of effects' parameters (SI) by field; those without a value are off."""
-    known = [values.get(field, p.off) for field, p in hypothesis.effect_parameters]
-    return np.asarray(hypothesis.phi_of(car, known))
