@@ -556,6 +556,16 @@ def test_half_waves_span_what_a_drive_went_through() -> None:
     np.testing.assert_allclose(at, [1.0, 0.0, -1.0], atol=1e-12)
 
 
+def test_functions_of_what_stays_at_one_value_do_not_turn_by_what_predictions_err() -> None:
+    """A wheel is turned at the beginning, then held: its range is the whole turn, not the noise about its end."""
+    held = np.r_[np.linspace(0.0, 0.2, 5), 0.2 + 1e-7 * np.sin(np.arange(995.0))]
+    for turned, angles in ((held, (0.0, 0.2)), (held[5:], (0.2, 0.2 + 1e-3))):
+        basis = remainder_basis({**dict.fromkeys(INPUTS, np.linspace(-2.0, 2.0, 101)), "delta": turned}, BASE.nominal)
+        phase, per_rad = basis.half_waves[INPUTS.index("delta")]
+        at = phase + per_rad * np.array(angles)
+        np.testing.assert_allclose(at, (0.0, np.pi) if turned is held else (0.5 * np.pi, np.pi), atol=1e-3)
+
+
 def test_copies_explain_only_in_channels_that_are_asked_for() -> None:
     """An angle that the wheel always has, which smooth functions explain in part."""
     fit, take = concealing(180.0, steering_offset=0.02)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ from bcid.diagnosis.remainder.functions import CHANNELS
 from bcid.diagnosis.search import search_state
 from bcid.diagnosis.search.screen import NullGains
 from bcid.diagnosis.search.search_state import SearchState
+from bcid.errors import PredictionDiverged
 from bcid.likelihood.score_test import TrialChanges
 
 A = ("yaw_scrub",)
@@ -85,6 +87,36 @@ def test_evidence_that_ended_early_is_not_kept(monkeypatch: pytest.MonkeyPatch) 
     at.unsettled.add(("a",))
     at.adds[frozenset("a")] = 40.0
     assert state.beside_remainder(fit(25.0, "a"), to_exceed=90.0).fit is whole.fit  # which is the greater
+
+
+@pytest.mark.parametrize(
+    ("given", "adds", "evidence"), [(-40.0, 120.0, 80.0), (-40.0, 70.0, 50.0), (None, 120.0, 50.0)]
+)
+def test_a_remainder_may_be_found_from_the_simulation_as_it_is_given(
+    given: float | None, adds: float, evidence: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The names keep their refit; the remainder is the likelier one, that of the refit where the simulation fails."""
+    at, state = Evidence(monkeypatch, {(): 50.0}), state_of()
+    rest = state.beside_remainder(fit(0.0))
+    at.adds[frozenset()] = adds
+
+    def evaluate(take: Any, hypothesis: Any, phi: Any, scales: Any) -> Any:
+        if given is None:
+            raise PredictionDiverged("")
+        assert phi == ("a car", {"tyre_fall__n": 0.2})
+        return fit(given)
+
+    monkeypatch.setattr(search_state, "evaluate_fixed", evaluate)
+    rest.named.hypothesis.phi_at = lambda car, values: (car, values)
+    simulation: Any = SimpleNamespace(
+        car=lambda: "a car", phi=None, scales=None,
+        hypothesis=SimpleNamespace(effect_values=lambda phi: {"tyre_fall__n": 0.2}),
+    )  # fmt: skip
+    found = state.beside_remainder_from(simulation, rest)
+    assert found.log_evidence == evidence
+    assert (found.named, found.seen) == (rest.named, rest.seen)
+    assert (found.fit is rest.fit) == (evidence == 50.0)
+    assert state.beside_remainder(rest.named).log_evidence == evidence  # from here on
 
 
 def test_trials_and_chance_are_those_beside_the_names_that_are_held(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -46,6 +46,11 @@ LINEAR = 0.01
 """A hundredth of a half wave, about its node: it is a straight line through the middle of the range."""
 
 
+LEAST_HALF_WIDTH = 1e-3
+"""Half of a range (m, m/s, rad, rad/s, s, 1) below which a quantity is as good as constant, and so are functions of it.
+Over a narrower one they would turn by what predictions err."""
+
+
 class Term(NamedTuple):
     """A function: its channel, the direction in which it acts, and its half waves."""
 
@@ -242,7 +247,12 @@ def _phases_and_waves(
 
 
 def _range(name: str, values: Floats) -> tuple[float, float]:
-    """Centre and half width of the range of a quantity."""
+    """Centre and half width of the range of a quantity: of its middle 98 % where these are not one value, else of all.
+
+    Place and time count whole.
+    """
     cut = 0.0 if name in ("p_x", "p_y", "t") else 0.01
     low, high = np.quantile(values, (cut, 1.0 - cut))
-    return float(0.5 * (low + high)), max(float(0.5 * (high - low)), 1e-6)
+    if high - low < 2.0 * LEAST_HALF_WIDTH:
+        low, high = np.min(values), np.max(values)
+    return float(0.5 * (low + high)), max(float(0.5 * (high - low)), LEAST_HALF_WIDTH)

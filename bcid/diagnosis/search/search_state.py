@@ -15,7 +15,8 @@ from bcid.diagnosis.remainder.fit import RemainderFit, allow_copies, fit_with_re
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.search.refits import refit_from_large_sizes
 from bcid.diagnosis.search.screen import NO_NULLS, NullGains, sample_null_gains, simulate_trials
-from bcid.likelihood.refit import Fit
+from bcid.likelihood.divergence import none_if_diverged
+from bcid.likelihood.refit import Fit, evaluate_fixed
 from bcid.likelihood.refit_state import MIN_GAIN
 from bcid.likelihood.score_test import TrialChanges
 from bcid.likelihood.take import Take
@@ -111,6 +112,19 @@ class SearchState:
         if found.settled:
             self._weighed_from[key] = max(_likelihood(fit), self._weighed_from.get(key, -math.inf))
         return self.remember(found)
+
+    def beside_remainder_from(self, given: Fit, rest: RemainderFit) -> RemainderFit:
+        """The fit `rest`, or the likelier one that begins at a simulation as it is `given`, in place of its refit.
+
+        A refit without a remainder may have moved the parameters of the simulation far, to do what has no name.
+        """
+        hypothesis = rest.named.hypothesis
+        phi = hypothesis.phi_at(given.car(), given.hypothesis.effect_values(given.phi))
+        start = none_if_diverged(evaluate_fixed, self.take, hypothesis, phi, given.scales)
+        if start is None:
+            return rest
+        found = fit_with_remainder(start, self.take, explain(start, self.take, self.basis))
+        return self.remember(found._replace(named=rest.named, seen=rest.seen))
 
     def keep_likeliest(self, fit: Fit) -> Fit:
         """The likeliest fit with these effects, without a remainder, of this one and what is kept; it is kept."""
