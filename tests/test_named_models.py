@@ -53,7 +53,9 @@ def saved(folder: Path, name: str = "newton-euler-augmented") -> Path:
 
 def test_a_name_and_a_path_lead_to_a_model(tmp_path: Path) -> None:
     one, other = saved(tmp_path / "w" / "models" / "one"), saved(tmp_path / "w" / "diagnosis" / "model")
-    assert saved_models(tmp_path / "w") == {"one": one, "diagnosis": other}
+    whole = saved(tmp_path / "w" / "diagnosis" / "with_remainder")
+    assert saved_models(tmp_path / "w") == {"one": one, "diagnosis": other, "with_remainder": whole}
+    assert saved_models(tmp_path / "w" / "diagnosis") == {"diagnosis": other, "with_remainder": whole}
     assert find_model("one", lambda: tmp_path / "w") == one
     assert find_model("diagnosis", lambda: tmp_path / "w") == other
 

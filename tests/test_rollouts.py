@@ -7,6 +7,7 @@ from typing import Any
 import numba
 import numpy as np
 import pytest
+from faults.saved import unnamed_part
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -23,6 +24,7 @@ from bcid.models.network.sparse_product import add_product
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.linear import NewtonEulerLinear
 from bcid.models.newton_euler.model import NewtonEuler
+from bcid.models.newton_euler.with_remainder import NewtonEulerWithRemainder
 
 RNG = np.random.default_rng(0)
 
@@ -43,6 +45,9 @@ MODELS: dict[str, Model] = {
     "k-sindy": SINDY,
     "newton-euler-augmented": AugmentedNewtonEuler(
         published.newton_euler().car, {"motor_delay__tau": 0.17}, Constants(), 2.012, 60.0, 0.1, {}
+    ),
+    "newton-euler-remainder": NewtonEulerWithRemainder(
+        AugmentedNewtonEuler(published.newton_euler().car, {}, Constants(), 2.012, 60.0, 0.1, {}), unnamed_part()
     ),
     "k-sindy-mlp": KSindyMlp(SINDY, weights(6)._replace(y_mean=np.zeros(3), y_sd=np.full(3, 0.02)), {}),
 }

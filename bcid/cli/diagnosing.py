@@ -37,7 +37,7 @@ def diagnose(
     from bcid.cli import show
     from bcid.cli.sink import Sink
     from bcid.documents.diagnosis import DiagnosisDocument
-    from bcid.pipeline.named_models import DIAGNOSED
+    from bcid.pipeline.named_models import DIAGNOSED, WITH_REMAINDER
     from bcid.pipeline.run import Pipeline
 
     sink = Sink(format)
@@ -55,6 +55,9 @@ def diagnose(
     model = DIAGNOSED if not out else page.parent / "model"
     compares = "compares the car with what was found, a newton-euler-augmented, with others"
     sink.note(f"page: {page}\nnext: bcid report --model {model} {compares}")
+    whole = page.parent / WITH_REMAINDER
+    if whole.is_dir():
+        sink.note(f"{whole} is that car with what has no name, as it acts where this drive was: for predictions alone")
     work.raise_if_parts_lost()
 
 

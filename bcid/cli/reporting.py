@@ -9,6 +9,7 @@ import typer
 from bcid.cli import options
 from bcid.cli.completion import complete_compared_models
 from bcid.cli.options import Format
+from bcid.pipeline.named_models import WITH_REMAINDER
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 REPORT_FILES = ("index.html", "report.json", "model_card.json")
 PAGE_FILES = ("diagnosis.html", "model_card.json")
-FOUND_FILES = ("diagnosis.json", "model", "next_manoeuvre.commands.csv")
+FOUND_FILES = ("diagnosis.json", "model", WITH_REMAINDER, "next_manoeuvre.commands.csv")
 DIAGNOSIS_FILES = (*PAGE_FILES, *FOUND_FILES)
 
 

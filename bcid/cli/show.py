@@ -68,10 +68,13 @@ def diagnosis_tables(document: DiagnosisDocument) -> Group:
     if rows:
         columns = ["effect", "equation", "fitted", "probability", "held-out gain (nats)", "indistinguishable from"]
         parts.append(plain_table("findings", columns, rows))
+    stages = {"before": "before", "after": "after", "remainder": "with what has no name", "floor": "noise floor"}
+    if all(h.nmse_remainder is None for h in document.horizons):
+        del stages["remainder"]
     judged = [
         [
             f"{h.horizon_s:g} s",
-            *(format_thousandths(nmse) for nmse in (h.nmse_before, h.nmse_after, h.nmse_floor)),
+            *(format_thousandths(getattr(h, f"nmse_{stage}")) for stage in stages),
             " – ".join(f"{v:.3g}" for v in h.ratio_ci95 or ()),
         ]
         for h in document.horizons
@@ -79,7 +82,7 @@ def diagnosis_tables(document: DiagnosisDocument) -> Group:
     title = "closed loop on held-out blocks, NMSE × 10³"
     lost = ", ".join(f"{100.0 * h.lost:.2g} % at {h.horizon_s:g} s" for h in document.horizons if h.lost)
     note = f"left out, where predictions leave the finite numbers: {lost} of the time" if lost else ""
-    parts.append(plain_table(title, ["horizon", "before", "after", "noise floor", "after/before (95 %)"], judged, note))
+    parts.append(plain_table(title, ["horizon", *stages.values(), "after/before (95 %)"], judged, note))
     if document.error_budget:
         budget = document.error_budget
         shares = [[row.label, row.share, row.interval, row.remark] for row in budget_rows(budget)]

@@ -52,7 +52,12 @@ def reference_from_model(folder: Path) -> ReferenceModel:
         return ReferenceModel(model.car, dict(model.effects))
     if isinstance(model, NewtonEuler):
         return ReferenceModel(model.car, {})
-    raise InputRefused(folder, "model.json", f"holds {model.name}, which has no forces", "name a newton-euler model")
+    raise InputRefused(
+        folder,
+        "model.json",
+        f"holds {model.name}, which is no car whose forces all have a name",
+        "name a newton-euler model",
+    )
 
 
 class ParameterFile(Settings):

@@ -96,6 +96,8 @@ class HorizonError(FitSummary):
     lost: Number = None  # share of the time at which predictions leave the finite numbers
     nmse_given: Number = None
     given_lost: Number = None
+    nmse_remainder: Number = None  # with what has no name beside the findings
+    remainder_lost: Number = None
     before_ci95: Interval | None = None
     after_ci95: Interval | None = None
     ratio: Number = None

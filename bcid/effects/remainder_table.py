@@ -10,6 +10,9 @@ INPUTS = ("v_x", "omega", "v_fx", "alpha_f", "alpha_r", "delta", "delta_rate", "
 (rad), the wheel's angle and the servo's rate (rad, rad/s), the throttle, the place on the floor (m), the time (s).
 """
 
+OF_THE_CAR = 8
+"""So many of INPUTS come first that are the car's own; place and time follow."""
+
 DIRECTIONS = (
     "body_x", "front_along", "front_across", "rear_across", "yaw", "world_x", "world_y", "driven_along", "rolling",
     "wheel_angle",

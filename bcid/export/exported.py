@@ -99,14 +99,20 @@ def _trace_at(model: Model, time_s: float | None) -> StepFormulas:
     """The formulas of `model`, effects of the recording's time standing at `time_s` (s) where that is given.
 
     Raises:
-        UsageError: there are none of these, or a clock drifts and no time is given.
+        UsageError: there are none of these, or a clock drifts and no time is given; or the model cannot be written as
+            formulas.
     """
-    if not isinstance(model, AugmentedNewtonEuler):
+    if isinstance(model, AugmentedNewtonEuler):
+        formulas = trace_augmented(model, time_s)
+        is_timed = time_s is not None and (drifts(model) or has_time(trace_augmented(model)))
+    elif model.name in TRACED:
         formulas = TRACED[model.name](model)
         is_timed = False
     else:
-        formulas = trace_augmented(model, time_s)
-        is_timed = time_s is not None and (drifts(model) or has_time(trace_augmented(model)))
+        raise UsageError(
+            f"{model.name} has functions without a name, which no export writes\n"
+            "  next: export the diagnosed model with names alone, the folder `model` beside it"
+        )
     if time_s is not None and not is_timed:
         raise UsageError(
             f"nothing in {model.name} depends on the time of the recording, at which --time would hold it\n"

@@ -76,6 +76,10 @@ MODELS: dict[str, ModelRow] = {
         "bcid.models.newton_euler.augmented", "AugmentedNewtonEuler", Settings,
         "the Newton-Euler car with effects of the vocabulary", made_by="bcid diagnose",
     ),
+    "newton-euler-remainder": ModelRow(
+        "bcid.models.newton_euler.with_remainder", "NewtonEulerWithRemainder", Settings,
+        "that car with what has no name in it, where it was driven", made_by="bcid diagnose",
+    ),
 }  # fmt: skip
 
 FITTABLE: dict[str, ModelRow] = {name: row for name, row in MODELS.items() if row.made_by is None}

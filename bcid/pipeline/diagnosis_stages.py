@@ -9,6 +9,7 @@ from bcid.aliases import Progress
 from bcid.errors import InputRefused
 from bcid.pipeline.cuts import without_cut
 from bcid.pipeline.model_stages import ModelStages
+from bcid.pipeline.named_models import WITH_REMAINDER
 from bcid.pipeline.origin import origin_key, trace_origin
 from bcid.pipeline.progress import spread_rounds
 from bcid.pipeline.stage_runner import SEEN_TAKES_MODULE, NotMadeYet, StageRunner
@@ -80,7 +81,9 @@ class DiagnosisStages:
                 tuned.folder, vehicle, simulation, [(take.recording.folder, take.motion.folder) for take in simulated],
                 spread_rounds(progress),
             )  # fmt: skip
-            save_seen_takes([self.takes.steps(p) for p in recordings], folder / "model")
+            for made in (folder / "model", folder / WITH_REMAINDER):
+                if made.is_dir():
+                    save_seen_takes([self.takes.steps(p) for p in recordings], made)
 
         return self.runner.run_stage("diagnose", "", inputs, {}, make, SEEN_TAKES_MODULE, own_effects=True)
 

@@ -8,6 +8,8 @@ from bcid.errors import InputRefused
 MODELS_FOLDER = "models"
 DIAGNOSED = "diagnosis"
 """The name of the model that `bcid diagnose` made: the car with what was found."""
+WITH_REMAINDER = "with_remainder"
+"""The name of that car with what has no name, which is there where something is left beside the names."""
 MODEL_FILES = ("model.json", "arrays.safetensors", "limits.json", "takes.json", "residuals.json", "description.txt")
 """All files that may lie in the folder of a saved model."""
 
@@ -24,9 +26,10 @@ def name_of_fit(model: str, loss: str | None, usual_loss: str | None) -> str:
 def saved_models(workspace: Path) -> dict[str, Path]:
     """Folders of the saved models in a workspace, or in the results of a diagnosis of named recordings, by name."""
     found = {path.parent.name: path.parent for path in sorted(workspace.glob(f"{MODELS_FOLDER}/*/{MODEL_FILES[0]}"))}
-    for folder in (workspace / DIAGNOSED / "model", workspace / "model"):
-        if (folder / MODEL_FILES[0]).is_file():
-            found.setdefault(DIAGNOSED, folder)
+    for home in (workspace / DIAGNOSED, workspace):
+        for name, folder in ((DIAGNOSED, home / "model"), (WITH_REMAINDER, home / WITH_REMAINDER)):
+            if (folder / MODEL_FILES[0]).is_file():
+                found.setdefault(name, folder)
     return found
 
 

@@ -1,8 +1,9 @@
 """How well a model's constants are known, as far as the model states it: pairs of models, one standard error apart.
 
 A Newton-Euler car states relative standard errors and their correlations, a car with effects those of its parameters,
-too.  Of earlier versions the first states the pairs alone that are strongly correlated, the second no correlation.
-Other models state nothing of their numbers, whose error is in their process noise.
+too; what has no name beside them states nothing.  Of earlier versions the first states the pairs alone that are
+strongly correlated, the second no correlation.  Other models state nothing of their numbers, whose error is in their
+process noise.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.newton_euler.parameters import drag_per_speed, is_identified, values_of_constants
 from bcid.models.newton_euler.saved_car import as_correlation
+from bcid.models.newton_euler.with_remainder import NewtonEulerWithRemainder
 from bcid.physics.car import Car
 from bcid.prediction.limits import LIMITS as PREDICTION_LIMITS
 
@@ -65,7 +67,18 @@ def vary_constants(model: Model) -> VariedConstants:
             _stated_correlation(list(variations), model.facts),
             tuple(s for s in known if s not in variations),
         )
+    if isinstance(model, NewtonEulerWithRemainder):
+        named = vary_constants(model.named)
+        return named._replace(variations=tuple(_beside_remainder(v, model) for v in named.variations))
     return VariedConstants((), np.empty((0, 0)), ())
+
+
+def _beside_remainder(variation: ConstantVariation, model: NewtonEulerWithRemainder) -> ConstantVariation:
+    """The variation of a car with effects, with what has no name in `model` beside it."""
+    raised, lowered = (
+        replace(model, named=cast(AugmentedNewtonEuler, car)) for car in (variation.raised, variation.lowered)
+    )
+    return variation._replace(raised=raised, lowered=lowered)
 
 
 def _stated_correlation(symbols: list[str], facts: Mapping[str, Any]) -> Floats:

@@ -30,6 +30,8 @@ from bcid.documents.manifest import ManifestDocument
 from bcid.documents.prove import ProveDocument
 from bcid.documents.report import EvaluationDocument, ReportDocument
 from bcid.effects.constants import Constants
+from bcid.effects.remainder_table import COEFFICIENT, COLUMNS, OF_THE_CAR, WAVE
+from bcid.effects.remainder_table import INPUTS as INPUTS_OF_FUNCTIONS
 from bcid.estimate.consistency import NeesSummary, RmseByState, TruthCheck
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.saving import EstimateSummary, load_estimate, save_estimate
@@ -45,6 +47,8 @@ from bcid.models.network.mlp import MlpWeights
 from bcid.models.network.narx_mlp import INPUTS, NarxMlp
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.linear import NewtonEulerLinear
+from bcid.models.newton_euler.unnamed_part import UnnamedPart
+from bcid.models.newton_euler.with_remainder import NewtonEulerWithRemainder
 from bcid.models.saving import load_model, save_model
 from bcid.pipeline.stages.report import EvaluatedModel, run_report_stage
 from bcid.proof.blind.blind_test import BlindTest
@@ -167,6 +171,15 @@ def weights(inputs: int) -> MlpWeights:
     return MlpWeights(np.zeros(inputs), np.ones(inputs), W1, b1, W2, b2, W3, b3, np.zeros(3), np.ones(3))
 
 
+def unnamed_part() -> UnnamedPart:
+    """What has no name: half a wave over the speeds, and a product of that with one over the yaw rates."""
+    half_waves, functions = np.zeros((len(INPUTS_OF_FUNCTIONS), 2)), np.zeros((2, COLUMNS))
+    half_waves[:2, 1] = 1.2, 0.8
+    functions[:, COEFFICIENT], functions[:, WAVE] = (0.2, -0.1), 1.2
+    functions[1, WAVE + 1] = 0.8
+    return UnnamedPart(functions, half_waves, np.tile([-1.0, 2.0], (OF_THE_CAR, 1)))
+
+
 def models() -> dict[str, Model]:
     """One of each model, with facts as fits state them."""
     base, sindy = published.newton_euler(), published.k_sindy()
@@ -184,6 +197,7 @@ def models() -> dict[str, Model]:
         "fitted": ["C_f", "R_1"], "se": {"C_f": 12.0, "rear_rolling_viscous__b": 0.3},
         "correlation": {"symbols": ["C_f", "rear_rolling_viscous__b"], "matrix": [[1.0, -0.4], [-0.4, 1.0]]},
     }  # fmt: skip
+    augmented = AugmentedNewtonEuler(base.car, effects, Constants(), 0.5, 60.0, 0.1, told)
     return {
         "newton-euler": replace(base, facts=facts),
         "newton-euler, force": replace(base, car=force, facts={}),
@@ -192,7 +206,8 @@ def models() -> dict[str, Model]:
         "k-mlp": KMlp(weights(6), sindy.car, {}),
         "k-sindy": sindy,
         "k-sindy-mlp": KSindyMlp(sindy, weights(6), {}, dissipative=True),
-        "newton-euler-augmented": AugmentedNewtonEuler(base.car, effects, Constants(), 0.5, 60.0, 0.1, told),
+        "newton-euler-augmented": augmented,
+        "newton-euler-remainder": NewtonEulerWithRemainder(augmented, unnamed_part()),
     }
 
 

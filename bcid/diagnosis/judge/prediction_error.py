@@ -9,6 +9,7 @@ from bcid.aliases import Floats, Ints
 from bcid.bootstrap import draw_blocks, quantile_interval
 from bcid.diagnosis.judge.held_out import block_length_s, refit_on_half, split_halves
 from bcid.diagnosis.reference_model import ReferenceModel
+from bcid.diagnosis.remainder.beside_names import unnamed_part_beside
 from bcid.documents.diagnosis import HorizonError
 from bcid.errors import UsageError
 from bcid.estimate.run import estimate_motion
@@ -24,8 +25,10 @@ from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import GROUP_S, Take
 from bcid.likelihood.unnamed_functions import UnnamedFunctions
 from bcid.models.fitting.windows import inverse_spread
+from bcid.models.interface import Model
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.saved_car import correlation_fact
+from bcid.models.newton_euler.with_remainder import NewtonEulerWithRemainder
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle
 
@@ -67,6 +70,13 @@ def model_from_fit(fit: Fit, T: float, period_s: float) -> AugmentedNewtonEuler:
     )
 
 
+def add_remainder(fit: Fit, take: Take, T: float, period_s: float) -> AugmentedNewtonEuler | NewtonEulerWithRemainder:
+    """The model of `model_from_fit`, with what has no name in the `take` beside it, if that is anything."""
+    unnamed = unnamed_part_beside(fit, take)
+    model = model_from_fit(fit, T, period_s)
+    return NewtonEulerWithRemainder(model, unnamed) if unnamed else model
+
+
 def _require_names(known: UnnamedFunctions) -> None:
     """Raise `UsageError` where a simulation has functions without a name, which no model can be saved with."""
     if known.size:
@@ -89,24 +99,26 @@ def model_from_reference(
 
 def compare_predictions(
     before: Fit, after: Fit, take: Take, recording: Recording, estimate: Estimate, vehicle: Vehicle, tuning: Tuning,
-    reference: ReferenceModel | None = None,
+    reference: ReferenceModel | None = None, with_remainder: bool = False,
 ) -> tuple[list[HorizonError], PredictedTracks]:  # fmt: skip
     """Prediction errors of two fits at all HORIZONS_S, with 95 % intervals and the noise floor, and predicted tracks.
 
     Predictions restart from the `estimate` of the take's first recording every horizon; errors are normalised mean
     squares of the twist (NMSE).  The fits without (`before`) and with (`after`) the named effects are cross-validated:
-    refitted to each half of the take's blocks and judged on the other.  The `reference` model is judged as given.  The
-    noise floor is the error of `after` on a recording simulated by `after` itself, whose motion is estimated with the
-    same `tuning`.  Tracks are measured and predicted positions; their predictions restart every TRACKS_HORIZON_S.
+    refitted to each half of the take's blocks and judged on the other; and `with_remainder` the latter with what has no
+    name beside it is, too.  The `reference` model is judged as given.  The noise floor is the error of `after` on a
+    recording simulated by `after` itself, whose motion is estimated with the same `tuning`.  Tracks are measured and
+    predicted positions; their predictions restart every TRACKS_HORIZON_S.
     """
     weights = inverse_spread(estimate.twist)
     block = ((estimate.time_s - recording.poses.time_s[0]) // block_length_s(take)).astype(int)
     trained_on_first, halves = block % 2 == 1, split_halves(take)
     T, period_s = float(take.length_s[0]), estimate.period_s
-    trained = [
-        [model_from_fit(refit_on_half_or_keep(fit, take, half), T, period_s) for half in halves]
-        for fit in (before, after)
-    ]
+    refits = [[refit_on_half_or_keep(fit, take, half) for half in halves] for fit in (before, after)]
+    trained: list[list[Model]] = [[model_from_fit(fit, T, period_s) for fit in pair] for pair in refits]
+    if with_remainder:
+        pairs = zip(refits[1], halves, strict=True)
+        trained.append([add_remainder(fit, take.part(half), T, period_s) for fit, half in pairs])
     # a car that only fits stretch by stretch may not drive a whole take
     simulated = none_if_diverged(simulate_fitted_car, after, take, recording)
     again = estimate_motion(simulated, vehicle, tuning, period_s) if simulated else None
@@ -125,12 +137,13 @@ def compare_predictions(
             itself = predict_with_restarts(after_model, again, horizon)
             floor = _finite_mean(squared_errors(itself, again, weights))
         row = _bootstrap_errors(horizon, squares[0], squares[1], floor, block)
+        more = {"remainder": squares[2]} if with_remainder else {}
         if reference_model is not None:
             given = predict_with_restarts(reference_model, estimate, horizon)
-            off = squared_errors(given, estimate, weights)
-            lost = float(np.isnan(off).mean())
-            row = row.model_copy(update={"nmse_given": _finite_mean(off), "given_lost": lost})
-        rows.append(row)
+            more["given"] = squared_errors(given, estimate, weights)
+        figures = {f"nmse_{name}": _finite_mean(off) for name, off in more.items()}
+        lost = {f"{name}_lost": float(np.isnan(off).mean()) for name, off in more.items()}
+        rows.append(row.model_copy(update=figures | lost))
         if horizon == TRACKS_HORIZON_S:
             starts = predictions[0].start.astype(float)
             tracks = PredictedTracks(estimate.time_s, estimate.pose[:, :2], places[0], places[1], starts)

@@ -78,12 +78,17 @@ class Explained(NamedTuple):
 @kept_under()
 def basis_for(fit: Fit, take: Take) -> RemainderBasis:
     """The functions of a remainder over what the take's drive went through, by the states that `fit` predicts."""
+    return remainder_basis(driven_quantities(fit, take), fit.car())
+
+
+def driven_quantities(fit: Fit, take: Take) -> dict[str, Floats]:
+    """What the take's drive went through (n,), by the names in INPUTS: means over 0.5 s as `fit` predicts them."""
     disturbances = estimate_disturbances(fit, take)
     q, car = disturbances.states, fit.car()
     across = q["v_y"] + car.l_f * q["omega"]
     v_fx = np.cos(q["delta"]) * q["v_x"] + np.sin(q["delta"]) * across
     time_s = disturbances.time_s - take.zero_s[disturbances.segment]
-    return remainder_basis({**q, "v_fx": v_fx, "t": time_s}, car)
+    return {**q, "v_fx": v_fx, "t": time_s}
 
 
 @kept_under("remainder_error", "min_wave_nats")

@@ -9,13 +9,13 @@ smooth is likelier.  No function is a law of the vocabulary.
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from bcid.aliases import Bools, Floats, Ints
 from bcid.effects.harmonics import NO_HALF_WAVES, plan_angles
-from bcid.effects.remainder_table import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
+from bcid.effects.remainder_table import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, OF_THE_CAR, PHASE, WAVE
 from bcid.likelihood.tracking_functions import (
     FIRST_WAVE,
     INTO,
@@ -107,6 +107,15 @@ class RemainderBasis(NamedTuple):
             written = QUANTITIES[name]
             out[written] = out[written] | both if written in out else both
         return out
+
+    def of_the_car(self) -> Self:
+        """The functions on the body that depend on the car's own state alone, neither on the place nor on the time."""
+        own = ~self.functions[:, WAVE + OF_THE_CAR :].any(axis=1)
+        on = np.flatnonzero(own)
+        return self._replace(
+            functions=self.functions[on], tracking=self.tracking[:0], channel=tuple(self.channel[j] for j in on),
+            size=self.size[on],
+        )  # fmt: skip
 
     def choose(self, on: Ints, sd: Floats) -> RemainderFunctions:
         """The functions with the indices `on`, with prior standard deviations of `sd` (K,)."""
@@ -246,13 +255,18 @@ def _phases_and_waves(
     return phase, wave
 
 
+def middle_range(values: Floats) -> tuple[float, float]:
+    """The lowest and the highest of the middle 98 % of `values`."""
+    low, high = np.quantile(values, (0.01, 0.99))
+    return float(low), float(high)
+
+
 def _range(name: str, values: Floats) -> tuple[float, float]:
     """Centre and half width of the range of a quantity: of its middle 98 % where these are not one value, else of all.
 
     Place and time count whole.
     """
-    cut = 0.0 if name in ("p_x", "p_y", "t") else 0.01
-    low, high = np.quantile(values, (cut, 1.0 - cut))
-    if high - low < 2.0 * LEAST_HALF_WIDTH:
-        low, high = np.min(values), np.max(values)
-    return float(0.5 * (low + high)), max(float(0.5 * (high - low)), LEAST_HALF_WIDTH)
+    low, high = middle_range(values)
+    if name in INPUTS[OF_THE_CAR:] or high - low < 2.0 * LEAST_HALF_WIDTH:
+        low, high = float(np.min(values)), float(np.max(values))
+    return 0.5 * (low + high), max(0.5 * (high - low), LEAST_HALF_WIDTH)

@@ -22,9 +22,8 @@ from bcid.aliases import Floats, Switches
 from bcid.effects.constants import Constants
 from bcid.effects.table import ENTRIES, OFF, effect_switches
 from bcid.errors import UsageError
-from bcid.estimate.command_parts import hold_for_periods
 from bcid.estimate.limits import LIMITS as ESTIMATE_LIMITS
-from bcid.models.interface import Arrays, CompiledModel, FitTask, History, ScanKernels, build_scan_kernels
+from bcid.models.interface import Arrays, CarByCarModel, FitTask, History, ScanKernels, build_scan_kernels
 from bcid.models.limits import LIMITS
 from bcid.models.newton_euler import augmented_step
 from bcid.models.newton_euler.model import equation_lines
@@ -78,7 +77,7 @@ class SavedAugmented(SavedPart):
 
 
 @dataclass(frozen=True)
-class AugmentedNewtonEuler(CompiledModel):
+class AugmentedNewtonEuler(CarByCarModel):
     """The Newton-Euler car with effects.
 
     In `facts`, "fitted" names the constants of the car that were refitted, and "se" holds standard errors by constant
@@ -146,16 +145,6 @@ class AugmentedNewtonEuler(CompiledModel):
     def kernel_arguments(self) -> tuple[Any, ...]:
         """What the compiled scan needs beside carry and commands."""
         return (self.setup,)
-
-    def scan_many(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
-        """Advance B vehicles (B, n) under `commands`, (B, N, 2) or parts (B, N, W, 4): last carries, twists.
-
-        One after the other by the kernel for one: a compiled loop would have to hold the whole car once more.
-        """
-        parts = np.ascontiguousarray(commands if commands.ndim == 4 else hold_for_periods(commands, self.period_s))
-        after = np.array(carries, dtype=np.float64, order="C")
-        twists = [self.kernels.scan(carry, each, self.setup) for carry, each in zip(after, parts, strict=True)]
-        return after, np.stack(twists) if twists else np.empty((0, parts.shape[1], 3))
 
     def describe(self) -> str:
         """The car's equations and constants, refitted ones marked with *, then every effect with its parameters."""

@@ -8,7 +8,7 @@ import numpy as np
 from bcid.aliases import Progress
 from bcid.diagnosis import reference
 from bcid.diagnosis.diagnose import Diagnosis, diagnose_recordings
-from bcid.diagnosis.judge.prediction_error import compare_predictions, model_from_fit
+from bcid.diagnosis.judge.prediction_error import add_remainder, compare_predictions, model_from_fit
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.diagnosis.summary import KNOT_UNITS, TRACK_UNITS, knot_columns, summarise_diagnosis, track_columns
 from bcid.documents.diagnosis import NextManoeuvre, Start
@@ -16,10 +16,12 @@ from bcid.estimate.run import estimate_motion
 from bcid.estimate.saving import load_estimate
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
-from bcid.evaluation.validity import ModelValidity
+from bcid.evaluation.validity import DataRange, ModelValidity
 from bcid.files.parquet import write_columns
+from bcid.models.interface import Model
 from bcid.models.saving import save_model
 from bcid.pipeline.error_budget import measure_error_budget
+from bcid.pipeline.named_models import WITH_REMAINDER
 from bcid.recording.saving import load_recording
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
@@ -46,8 +48,9 @@ def run_diagnose_stage(
     against = _reference_model(simulation, simulated, takes, motions, vehicle, tuned)
     found = diagnose_recordings(takes, motions, vehicle, against, progress)
     progress(0.85, "held-out proof")
+    unknown = found.naming.unknown_nats > 0.0
     horizons, tracks = compare_predictions(
-        found.naming.base, found.fit, found.take, takes[0], motions[0], vehicle, tuned, against
+        found.naming.base, found.fit, found.take, takes[0], motions[0], vehicle, tuned, against, unknown
     )  # fmt: skip
     document = summarise_diagnosis(
         found, horizons, vehicle=vehicle.name, recordings=tuple(names), duration_s=found.take.T,
@@ -61,13 +64,29 @@ def run_diagnose_stage(
     document.model_copy(update=more).write(folder / "diagnosis.json")
     write_columns(folder / "knots.parquet", knot_columns(found), KNOT_UNITS)
     write_columns(folder / "tracks.parquet", track_columns(tracks), TRACK_UNITS)
-    # the base model is kept beside the augmented one, for views that predict with both
-    for name, fit in (("base", found.naming.base), ("model", found.fit)):
+    _save_models(folder, found, motions, unknown, progress)
+
+
+def _save_models(
+    folder: Path, found: Diagnosis, motions: Sequence[Estimate], unknown: bool, progress: Progress
+) -> None:  # fmt: skip
+    """Save the car with the names, and the base model, for views that predict with both.
+
+    Where something is `unknown`, the car with what has no name is saved, too, without its process noise, which would
+    take four times as long to find as that of the names alone.
+    """
+    T, period_s = float(found.take.length_s[0]), motions[0].period_s
+    models: dict[str, Model] = {"base": model_from_fit(found.naming.base, T, period_s)}
+    models["model"] = model_from_fit(found.fit, T, period_s)
+    if unknown:
+        models[WITH_REMAINDER] = add_remainder(found.fit, found.take, T, period_s)
+    for name, model in models.items():
         (folder / name).mkdir()
-        save_model(model_from_fit(fit, float(found.take.length_s[0]), motions[0].period_s), folder / name)
+        save_model(model, folder / name)
+    if unknown:
+        ModelValidity(None, DataRange.from_estimates(motions)).save(folder / WITH_REMAINDER)
     progress(0.95, "process noise")
-    model = model_from_fit(found.fit, float(found.take.length_s[0]), motions[0].period_s)
-    ModelValidity.measure(model, motions, NOISE_SEED).save(folder / "model")
+    ModelValidity.measure(models["model"], motions, NOISE_SEED).save(folder / "model")
 
 
 def _reference_model(

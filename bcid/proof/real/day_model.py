@@ -15,6 +15,7 @@ import numpy as np
 
 from bcid.diagnosis.diagnose import diagnose_recordings, fit_base_model
 from bcid.diagnosis.reference_model import ReferenceModel
+from bcid.diagnosis.remainder.beside_names import unnamed_part_beside
 from bcid.diagnosis.search.refits import refit_with_effects
 from bcid.effects.table import EFFECTS, ENTRIES
 from bcid.likelihood.divergence import refuse_divergence
@@ -27,7 +28,7 @@ def diagnose_drive(name: str, freely: bool, inputs: QuestionInputs) -> dict[str,
     """Diagnose a recording as a user would: against the published simulation, or `freely`, with none to compare.
 
     Returns `diagnosis_row` with "base" and "model", the base model and the fit with the names, as rows of reference
-    models.
+    models, and "unnamed", the arrays of what has no name beside them, None where that may be chance.
     """
     vehicle = inputs.vehicle_for(name)
     recording, estimate, _ = inputs.estimate_recording(name, vehicle)
@@ -35,7 +36,10 @@ def diagnose_drive(name: str, freely: bool, inputs: QuestionInputs) -> dict[str,
     diagnosis = diagnose_recordings([recording], [estimate], vehicle, published)
     models = {"base": diagnosis.naming.base, "model": diagnosis.fit}
     fits = {key: reference_as_row(ReferenceModel.from_fit(fit)) for key, fit in models.items()}
-    return {**diagnosis_row(diagnosis), **fits}
+    unknown = diagnosis.naming.unknown_nats > 0.0
+    unnamed = unnamed_part_beside(diagnosis.fit, diagnosis.take) if unknown else None
+    arrays = unnamed and {name: array.tolist() for name, array in unnamed._asdict().items()}
+    return {**diagnosis_row(diagnosis), **fits, "unnamed": arrays}
 
 
 def calibrate_simulation(

@@ -15,6 +15,8 @@ from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import position_errors
 from bcid.models.interface import FitTask
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
+from bcid.models.newton_euler.unnamed_part import UnnamedPart
+from bcid.models.newton_euler.with_remainder import NewtonEulerWithRemainder
 from bcid.proof.blind.regressors import fit_boosted_trees, fit_perceptron
 from bcid.proof.real.limits import LIMITS
 from bcid.proof.real.question_files import QuestionInputs, reference_from_row
@@ -22,7 +24,7 @@ from bcid.proof.real.questions import DrivePair
 from bcid.proof.real.residual_model import fit_residual_model
 from bcid.vehicle import Vehicle
 
-AUGMENTED, BASE, PUBLISHED = "augmented", "base", "published"
+AUGMENTED, NAMED, BASE, PUBLISHED = "augmented", "names alone", "base", "published"
 REGRESSIONS = {"residual perceptron": fit_perceptron, "residual gradient boosting": fit_boosted_trees}
 SPARSE = "k-sindy"
 
@@ -30,16 +32,18 @@ SPARSE = "k-sindy"
 def predict_other_drive(pair: DrivePair, inputs: QuestionInputs, fitted: Mapping[str, Any]) -> dict[str, Any]:
     """Errors of models fitted to one drive on another, by method; the row of a pair of drives.
 
-    `fitted` is the row of `diagnose_drive` of the pair's first drive, freely diagnosed: it has the base model and the
-    augmented one.  The row has "errors", by method: "median_m" and "mean_m" of the distances between predicted and
-    estimated positions `LIMITS.transfer_horizon_s` after each of many starts (None where a prediction left the finite
-    numbers: the mean where any did, the median where half did), and "lost", the share that did.
+    `fitted` is the row of `diagnose_drive` of the pair's first drive, freely diagnosed, with the base model, the names,
+    and what has no name: the augmented model has both.  The row has "errors", by method: "median_m" and "mean_m" of the
+    distances between predicted and estimated positions `LIMITS.transfer_horizon_s` after each of many starts (None
+    where a prediction left the finite numbers: the mean where any did, the median where half did), and "lost", the
+    share that did.
     """
     (vehicle, trained), (other_vehicle, other) = (_read(name, inputs) for name in (pair.fit, pair.test))
-    models: dict[str, Any] = {
-        AUGMENTED: _as_model(fitted["model"], other_vehicle, other),
-        BASE: _as_model(fitted["base"], other_vehicle, other),
-    }
+    named, unnamed = _as_model(fitted["model"], other_vehicle, other), fitted["unnamed"]
+    models: dict[str, Any] = {AUGMENTED: named, BASE: _as_model(fitted["base"], other_vehicle, other)}
+    if unnamed is not None:
+        part = UnnamedPart.from_arrays({name: np.array(array, dtype=float) for name, array in unnamed.items()})
+        models |= {AUGMENTED: NewtonEulerWithRemainder(named, part), NAMED: named}
     published = inputs.published_model([other], other_vehicle)
     if published is not None:
         models[PUBLISHED] = model_from_reference(published, other_vehicle, _length_s(other), other.period_s)
