@@ -21,6 +21,7 @@ from bcid.diagnosis.judge.prediction_error import model_from_reference
 from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.diagnosis.summary import KNOT_UNITS, knot_columns, summarise_diagnosis
+from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.model_card import ModelCard
 from bcid.effects.constants import Constants
 from bcid.effects.remainder_table import COLUMNS
@@ -29,11 +30,14 @@ from bcid.errors import InputRefused, PredictionDiverged, UsageError
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
+from bcid.evaluation.seen_takes import load_seen_takes
 from bcid.evaluation.validity import load_validity
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.take import KNOTS, cut_segments, drop_contacts
 from bcid.likelihood.unnamed_functions import UnnamedFunctions
+from bcid.models.newton_euler.with_remainder import NewtonEulerWithRemainder
 from bcid.models.saving import load_model
+from bcid.pipeline.named_models import WITH_REMAINDER
 from bcid.recording.checks.contacts import find_contacts
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording, Stream
@@ -42,6 +46,7 @@ from bcid.simulation.samples import SampleTake as Order
 from bcid.simulation.samples import write_sample_take
 from bcid.store.artifact import file_sha256
 from bcid.vehicle import Vehicle
+from bcid.view.tables import diagnosis_tables
 
 ROUGH = {"rough_force": 3.0, "rough_moment": 1.5}
 SECONDS = 120.0
@@ -300,3 +305,31 @@ def test_a_plan_is_written_as_commands(tmp_path: Path, vehicle_file: Path) -> No
     assert found["parts"]
     assert "yaw_scrub" in found["smallest"]
     assert out.read_text().startswith("time_s,steering_rad,throttle_mps")
+
+
+@pytest.mark.slow
+def test_what_has_no_name_is_saved_for_predictions_and_told_with_its_held_out_error(
+    tmp_path: Path, vehicle_file: Path
+) -> None:
+    """A servo whose acceleration turns the car: no effect of the vocabulary does.  Once it has a name it goes."""
+    write_sample_take(tmp_path, Order("servo", "mcap", SECONDS), Plant(**ROUGH, steering_reaction=25.0), Sensor(), 5)
+    out = tmp_path / "out"
+    words = ["diagnose", str(tmp_path / "servo.mcap"), "--vehicle", str(vehicle_file), "--out", str(out)]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    assert "with free functions" in done.stdout
+    assert f"{out / WITH_REMAINDER} adds free functions" in done.stderr
+    found = json.loads((out / "diagnosis.json").read_text())
+    assert found["verdict"] == "unknown"
+    assert all(h["nmse_remainder"] < 0.8 * h["nmse_after"] and h["remainder_lost"] == 0.0 for h in found["horizons"])
+    assert "with free functions" in (out / "diagnosis.html").read_text()
+    model = load_model(out / WITH_REMAINDER)
+    assert isinstance(model, NewtonEulerWithRemainder)
+    assert model.named.car == load_model(out / "model").car
+    told = load_validity(out / WITH_REMAINDER)
+    assert told is not None
+    assert told.noise is None
+    assert load_seen_takes(out / WITH_REMAINDER) == load_seen_takes(out / "model")
+    tables = {t.name: t for t in diagnosis_tables(DiagnosisDocument.read(out / "diagnosis.json"))}
+    assert "with free functions" in tables["horizons"].columns
+    assert all(len(row) == len(tables["horizons"].columns) for row in tables["horizons"].rows)

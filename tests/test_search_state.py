@@ -103,14 +103,16 @@ def test_a_remainder_may_be_found_from_the_simulation_as_it_is_given(
     def evaluate(take: Any, hypothesis: Any, phi: Any, scales: Any) -> Any:
         if given is None:
             raise PredictionDiverged("")
-        assert phi == ("a car", {"tyre_fall__n": 0.2})
+        # a correction is where the refit has found it
+        assert phi == ("a car", {"tyre_fall__f": 0.2, "steering_offset__o": 0.01})
         return fit(given)
 
     monkeypatch.setattr(search_state, "evaluate_fixed", evaluate)
-    rest.named.hypothesis.phi_at = lambda car, values: (car, values)
+    rest.named.phi, rest.named.hypothesis.phi_at = None, lambda car, values: (car, values)
+    rest.named.hypothesis.effect_values = lambda phi: {"tyre_fall__f": 0.1, "steering_offset__o": 0.01}
     simulation: Any = SimpleNamespace(
         car=lambda: "a car", phi=None, scales=None,
-        hypothesis=SimpleNamespace(effect_values=lambda phi: {"tyre_fall__n": 0.2}),
+        hypothesis=SimpleNamespace(effect_values=lambda phi: {"tyre_fall__f": 0.2}),
     )  # fmt: skip
     found = state.beside_remainder_from(simulation, rest)
     assert found.log_evidence == evidence

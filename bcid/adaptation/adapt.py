@@ -33,6 +33,7 @@ from bcid.likelihood.prepare import effect_constants
 from bcid.models.interface import Model
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.model import NewtonEuler
+from bcid.models.newton_euler.with_remainder import NewtonEulerWithRemainder
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
@@ -108,7 +109,7 @@ def as_adaptable(model: Model, vehicle: Vehicle, estimate: Estimate) -> Augmente
     """The car of a saved model, with room for effects, on the grid of an estimate.
 
     Raises:
-        UsageError: the model is of another kind, which has no constants of a car.
+        UsageError: the model is of another kind, which has no constants of a car, or free functions beside them.
     """
     if isinstance(model, AugmentedNewtonEuler):
         return model.with_period(estimate.period_s)
@@ -116,6 +117,11 @@ def as_adaptable(model: Model, vehicle: Vehicle, estimate: Estimate) -> Augmente
         length_s = float(np.ptp(estimate.time_s))
         constants, limit = effect_constants(vehicle), vehicle.steering.max_angle_rad
         return AugmentedNewtonEuler(model.car, {}, constants, limit, length_s, estimate.period_s, {})
+    if isinstance(model, NewtonEulerWithRemainder):
+        raise UsageError(
+            f"{model.name} has free functions, which would be right for one car alone\n"
+            "  next: name the diagnosed car with names alone, the folder `model` beside it"
+        )
     raise UsageError(
         f"{model.name} has no constants of a car that could be adapted\n"
         "  next: name a newton-euler model, or the one of a diagnosis"

@@ -57,7 +57,9 @@ def diagnose(
     sink.note(f"page: {page}\nnext: bcid report --model {model} {compares}")
     whole = page.parent / WITH_REMAINDER
     if whole.is_dir():
-        sink.note(f"{whole} is that car with what has no name, as it acts where this drive was: for predictions alone")
+        sink.note(
+            f"{whole} adds free functions of the car's state, which act where this drive went: for predictions alone"
+        )
     work.raise_if_parts_lost()
 
 

@@ -68,21 +68,27 @@ def diagnosis_tables(document: DiagnosisDocument) -> Group:
     if rows:
         columns = ["effect", "equation", "fitted", "probability", "held-out gain (nats)", "indistinguishable from"]
         parts.append(plain_table("findings", columns, rows))
-    stages = {"before": "before", "after": "after", "remainder": "with what has no name", "floor": "noise floor"}
-    if all(h.nmse_remainder is None for h in document.horizons):
-        del stages["remainder"]
+    free = [h for h in document.horizons if h.remainder_lost is not None]
+    stages = {
+        "before": [h.nmse_before for h in document.horizons],
+        "after": [h.nmse_after for h in document.horizons],
+        **({"with free functions": [h.nmse_remainder for h in document.horizons]} if free else {}),
+        "noise floor": [h.nmse_floor for h in document.horizons],
+    }
     judged = [
         [
             f"{h.horizon_s:g} s",
-            *(format_thousandths(getattr(h, f"nmse_{stage}")) for stage in stages),
+            *(format_thousandths(values[row]) for values in stages.values()),
             " – ".join(f"{v:.3g}" for v in h.ratio_ci95 or ()),
         ]
-        for h in document.horizons
+        for row, h in enumerate(document.horizons)
     ]
     title = "closed loop on held-out blocks, NMSE × 10³"
     lost = ", ".join(f"{100.0 * h.lost:.2g} % at {h.horizon_s:g} s" for h in document.horizons if h.lost)
     note = f"left out, where predictions leave the finite numbers: {lost} of the time" if lost else ""
-    parts.append(plain_table(title, ["horizon", *stages.values(), "after/before (95 %)"], judged, note))
+    lost_free = ", ".join(f"{100.0 * h.remainder_lost:.2g} % at {h.horizon_s:g} s" for h in free if h.remainder_lost)
+    note += f"{'; ' if note else ''}with free functions {lost_free}" if lost_free else ""
+    parts.append(plain_table(title, ["horizon", *stages, "after/before (95 %)"], judged, note))
     if document.error_budget:
         budget = document.error_budget
         shares = [[row.label, row.share, row.interval, row.remark] for row in budget_rows(budget)]

@@ -96,8 +96,10 @@ class HorizonError(FitSummary):
     lost: Number = None  # share of the time at which predictions leave the finite numbers
     nmse_given: Number = None
     given_lost: Number = None
-    nmse_remainder: Number = None  # with what has no name beside the findings
+    nmse_remainder: Number = None  # with free functions of the car's state beside the findings
     remainder_lost: Number = None
+    remainder_ci95: Interval | None = None
+    remainder_ratio_ci95: Interval | None = None  # over the error with the findings alone
     before_ci95: Interval | None = None
     after_ci95: Interval | None = None
     ratio: Number = None

@@ -94,8 +94,9 @@ def _as_multiples(functions: Floats, half_waves: Floats) -> tuple[Ints, Bools]:
     """Multiples (K, len(INPUTS)) of half waves that functions are, and whether they are (K,), of few and small ones."""
     k, wave = functions[:, WAVE:], half_waves[:, 1]
     n = np.divide(k, wave, out=np.where(k == 0.0, 0.0, np.nan), where=wave > 0.0)
-    multiples = np.nan_to_num(np.round(n)).astype(np.int64)
-    whole = (np.abs(n - multiples) < ALIKE).all(axis=1) & (np.abs(multiples) <= MOST_POWERS).all(axis=1)
+    few = np.abs(n) < MOST_POWERS + 0.5
+    multiples = np.round(np.where(few, n, 0.0)).astype(np.int64)
+    whole = (few & (np.abs(n - multiples) < ALIKE)).all(axis=1)
     return multiples, whole & (np.count_nonzero(multiples, axis=1) <= FACTORS)
 
 

@@ -15,6 +15,7 @@ from bcid.export.names import check_name
 from bcid.export.reference_drive import ReferenceDrive, drive_for_reference
 from bcid.models.interface import Model
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
+from bcid.models.newton_euler.with_remainder import NewtonEulerWithRemainder
 
 
 @dataclass(frozen=True)
@@ -68,11 +69,16 @@ def export_model(
     that depend on its time, which otherwise go on.
 
     Raises:
-        UsageError: nothing can be called `name`; `of_vehicle` or `time_s` would change nothing; or the model has a
-            clock that drifts and no time is given.
+        UsageError: nothing can be called `name`; the model has functions without a name; `of_vehicle` or `time_s` would
+            change nothing; or the model has a clock that drifts and no time is given.
         InputRefused: the model leaves the finite numbers when it is driven for a check.
     """
     name = check_name(model.name.replace("-", "_") if name is None else name)
+    if isinstance(model, NewtonEulerWithRemainder):
+        raise UsageError(
+            f"{model.name} has functions without a name, which no export writes\n"
+            "  next: export the diagnosed car with names alone, in the folder `model` beside it"
+        )
     if of_vehicle:
         model = _leave_out_measurement(model)
     formulas = _trace_at(model, time_s)
@@ -99,20 +105,14 @@ def _trace_at(model: Model, time_s: float | None) -> StepFormulas:
     """The formulas of `model`, effects of the recording's time standing at `time_s` (s) where that is given.
 
     Raises:
-        UsageError: there are none of these, or a clock drifts and no time is given; or the model cannot be written as
-            formulas.
+        UsageError: there are none of these, or a clock drifts and no time is given.
     """
     if isinstance(model, AugmentedNewtonEuler):
         formulas = trace_augmented(model, time_s)
         is_timed = time_s is not None and (drifts(model) or has_time(trace_augmented(model)))
-    elif model.name in TRACED:
+    else:
         formulas = TRACED[model.name](model)
         is_timed = False
-    else:
-        raise UsageError(
-            f"{model.name} has functions without a name, which no export writes\n"
-            "  next: export the diagnosed model with names alone, the folder `model` beside it"
-        )
     if time_s is not None and not is_timed:
         raise UsageError(
             f"nothing in {model.name} depends on the time of the recording, at which --time would hold it\n"

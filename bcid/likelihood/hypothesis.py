@@ -70,6 +70,7 @@ class TrustedSimulation(NamedTuple):
     phi: tuple[float, ...]
     sd: tuple[float, ...]  # scales of the parameters' laws, of which far values are more likely than of a normal one
     share: float = 1.0  # by which the prior counts where only this share of a take is fitted
+    nu: float = TRUST_NU  # degrees of freedom of the laws
 
 
 @dataclass(frozen=True)
@@ -220,7 +221,7 @@ class Hypothesis:
         else:
             known = slice(len(trusted.phi))
             centre[known], precision[known] = trusted.phi, np.array(trusted.sd) ** -2.0
-            nu[known], share[known] = TRUST_NU, trusted.share
+            nu[known], share[known] = trusted.nu, trusted.share
         centre[self.named_size :], precision[self.named_size :] = 0.0, 1.0
         return Prior(centre, precision, nu, share)
 

@@ -78,7 +78,7 @@ MODELS: dict[str, ModelRow] = {
     ),
     "newton-euler-remainder": ModelRow(
         "bcid.models.newton_euler.with_remainder", "NewtonEulerWithRemainder", Settings,
-        "that car with what has no name in it, where it was driven", made_by="bcid diagnose",
+        "that car and free functions of its state, which act where it was driven", made_by="bcid diagnose",
     ),
 }  # fmt: skip
 

@@ -106,18 +106,18 @@ def diagnosis_tables(diagnosis: DiagnosisDocument) -> list[ResultTable]:
     horizons = ResultTable(
         "horizons",
         "Closed-loop error (NMSE) on held-out blocks by how far ahead is predicted, before and after the findings",
-        ("horizon", "before", "after", "ratio", "with what has no name", "noise floor"),
+        ("horizon", "before", "after", "ratio", "with free functions", "noise floor"),
         tuple(
             (
                 h.horizon_s, _between(h.nmse_before, h.before_ci95), _between(h.nmse_after, h.after_ci95),
-                _between(h.ratio, h.ratio_ci95), h.nmse_remainder, h.nmse_floor,
+                _between(h.ratio, h.ratio_ci95), _between(h.nmse_remainder, h.remainder_ci95), h.nmse_floor,
             )
             for h in diagnosis.horizons
         ),
         {"horizon": "s"},
         {
             "horizon": "as given",
-            **dict.fromkeys(("before", "after", "with what has no name", "noise floor"), "thousandths"),
+            **dict.fromkeys(("before", "after", "with free functions", "noise floor"), "thousandths"),
         },
     )  # fmt: skip
     told = diagnosis.error_budget

@@ -70,11 +70,13 @@ def model_from_fit(fit: Fit, T: float, period_s: float) -> AugmentedNewtonEuler:
     )
 
 
-def add_remainder(fit: Fit, take: Take, T: float, period_s: float) -> AugmentedNewtonEuler | NewtonEulerWithRemainder:
-    """The model of `model_from_fit`, with what has no name in the `take` beside it, if that is anything."""
+def add_remainder(fit: Fit, take: Take, T: float, period_s: float) -> NewtonEulerWithRemainder | None:
+    """The model of `model_from_fit` with free functions of the car's state beside it, found from the `take`.
+
+    None where there are none that make it likelier.
+    """
     unnamed = unnamed_part_beside(fit, take)
-    model = model_from_fit(fit, T, period_s)
-    return NewtonEulerWithRemainder(model, unnamed) if unnamed else model
+    return unnamed and NewtonEulerWithRemainder(model_from_fit(fit, T, period_s), unnamed)
 
 
 def _require_names(known: UnnamedFunctions) -> None:
@@ -117,8 +119,7 @@ def compare_predictions(
     refits = [[refit_on_half_or_keep(fit, take, half) for half in halves] for fit in (before, after)]
     trained: list[list[Model]] = [[model_from_fit(fit, T, period_s) for fit in pair] for pair in refits]
     if with_remainder:
-        pairs = zip(refits[1], halves, strict=True)
-        trained.append([add_remainder(fit, take.part(half), T, period_s) for fit, half in pairs])
+        trained.append([_model_of_half(fit, take, half, period_s) for fit, half in zip(refits[1], halves, strict=True)])
     # a car that only fits stretch by stretch may not drive a whole take
     simulated = none_if_diverged(simulate_fitted_car, after, take, recording)
     again = estimate_motion(simulated, vehicle, tuning, period_s) if simulated else None
@@ -137,18 +138,31 @@ def compare_predictions(
             itself = predict_with_restarts(after_model, again, horizon)
             floor = _finite_mean(squared_errors(itself, again, weights))
         row = _bootstrap_errors(horizon, squares[0], squares[1], floor, block)
-        more = {"remainder": squares[2]} if with_remainder else {}
         if reference_model is not None:
             given = predict_with_restarts(reference_model, estimate, horizon)
-            more["given"] = squared_errors(given, estimate, weights)
-        figures = {f"nmse_{name}": _finite_mean(off) for name, off in more.items()}
-        lost = {f"{name}_lost": float(np.isnan(off).mean()) for name, off in more.items()}
-        rows.append(row.model_copy(update=figures | lost))
+            off = squared_errors(given, estimate, weights)
+            lost = float(np.isnan(off).mean())
+            row = row.model_copy(update={"nmse_given": _finite_mean(off), "given_lost": lost})
+        if with_remainder:
+            beside = _bootstrap_errors(horizon, squares[1], squares[2], None, block)
+            row = row.model_copy(update={
+                "nmse_remainder": beside.nmse_after, "remainder_lost": beside.lost,
+                "remainder_ci95": beside.after_ci95, "remainder_ratio_ci95": beside.ratio_ci95,
+            })  # fmt: skip
+        rows.append(row)
         if horizon == TRACKS_HORIZON_S:
             starts = predictions[0].start.astype(float)
             tracks = PredictedTracks(estimate.time_s, estimate.pose[:, :2], places[0], places[1], starts)
     assert tracks is not None  # noqa: S101  # it is one of the horizons
     return rows, tracks
+
+
+def _model_of_half(fit: Fit, take: Take, half: Ints, period_s: float) -> Model:
+    """The model of a `fit` to a half of the take, or to all of it, with the functions that the half shows, if any."""
+    T, part = float(take.length_s[0]), take.part(half)
+    if len(fit.start) == take.segments:
+        fit, part = fit.part(take, half)
+    return add_remainder(fit, part, T, period_s) or model_from_fit(fit, T, period_s)
 
 
 def refit_on_half_or_keep(fit: Fit, take: Take, half: Ints) -> Fit:

@@ -43,21 +43,21 @@ def driving_force(steady: LagState, p: Car) -> float:
 
 
 @njit_parallel
-def _mean_knot_states(
-    layout: SegmentLayout, start: Floats, chain: ActuatorChain, p: Car, e: Switches, c: Constants
+def _mean_states(
+    parts: int, layout: SegmentLayout, start: Floats, chain: ActuatorChain, p: Car, e: Switches, c: Constants
 ) -> Floats:
-    """Mean predicted state over each 0.5 s knot of all S segments: (S, KNOTS, 12), columns in the order of STATE_NAMES.
+    """Mean predicted state over each of `parts` parts of all S segments: (S, parts, 12), columns as in STATE_NAMES.
 
     They are p_x, p_y (m), theta (rad, world), v_x, v_y (m/s), omega (rad/s, body), delta of the wheel (rad) and its
     rate at the servo (rad/s), throttle u_m, slip angles alpha_f and alpha_r (rad), and the motor's force F_m (N).
     Predictions start from `start` (S, N_NUISANCE), each segment's initial state and disturbances.
     """
     S = len(layout.step)
-    out = np.zeros((S, KNOTS, 12))
-    per_knot = layout.steps // KNOTS
+    out = np.zeros((S, parts, 12))
+    per_knot, per_part = layout.steps // KNOTS, layout.steps // parts
     for s in numba.prange(S):
         own, T, pushes = shift_chain_time(chain, layout.zero_s[s]), layout.length_s[s], push_wrenches(start[s], p)
-        first, n, b = layout.step[s], per_knot * KNOTS, unpack_body(start[s])
+        first, n, b = layout.step[s], min(per_part * parts, per_knot * KNOTS), unpack_body(start[s])
         lags = first_lags_of_one(b, first, steps_of_recording(first, own), own, T, p, e[0], c)
         path = integrate_body(b, lags, first, n, own, T, pushes, per_knot, p, e[0], c)
         for i in range(n):
@@ -71,7 +71,7 @@ def _mean_knot_states(
                 np.arctan(v_ry / max(abs(b.v_x), p.v_0)), driving_force(w.steady, p),
             )  # fmt: skip
             for j in range(12):
-                out[s, i // per_knot, j] += row[j] / per_knot
+                out[s, i // per_part, j] += row[j] / per_part
     return out
 
 
@@ -83,13 +83,16 @@ def estimate_disturbances(fit: Fit, take: Take) -> Disturbances:
     """
     inputs = fit.hypothesis.prediction_inputs(fit.phi, take)
     _, e = estimate_scales(segment_moments(fit.residuals(take, fit.phi), fit.tangent.A, take.first), fit.scales, 0)
-    means = _mean_knot_states(segment_layout(take), fit.start, *inputs.kernel_arguments)
     push = e.z[:, N_START:].reshape(-1, 3)
     spread = np.einsum("skk->sk", e.V)[:, N_START:].reshape(-1, 3)
     expected = np.sqrt(np.maximum(fit.scales.q**2 - spread, 1e-3 * fit.scales.q**2))
     knots = take.begin_s[:, None] + (np.arange(KNOTS) + 0.5) * take.steps * inputs.chain.h / KNOTS
-    columns = means.reshape(-1, len(STATE_NAMES)).T
-    return Disturbances(
-        knots.ravel(), np.repeat(np.arange(take.segments), KNOTS), push, push / expected,
-        dict(zip(STATE_NAMES, columns, strict=True)),
-    )  # fmt: skip
+    segment = np.repeat(np.arange(take.segments), KNOTS)
+    return Disturbances(knots.ravel(), segment, push, push / expected, mean_states(fit, take, KNOTS))
+
+
+def mean_states(fit: Fit, take: Take, parts: int) -> dict[str, Floats]:
+    """The fitted car's mean states (S parts,) by STATE_NAMES, over each of `parts` parts of the S segments."""
+    inputs = fit.hypothesis.prediction_inputs(fit.phi, take)
+    means = _mean_states(parts, segment_layout(take), fit.start, *inputs.kernel_arguments)
+    return dict(zip(STATE_NAMES, means.reshape(-1, len(STATE_NAMES)).T, strict=True))

@@ -9,8 +9,8 @@ are left out, as another drive is elsewhere and later.
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
-from bcid.aliases import Floats
 from bcid.diagnosis.remainder.explain import driven_quantities, explain_with_copies
 from bcid.diagnosis.remainder.fit import RemainderFit, fit_with_remainder
 from bcid.diagnosis.remainder.functions import LEAST_HALF_WIDTH, middle_range, remainder_basis
@@ -24,29 +24,40 @@ from bcid.models.newton_euler.unnamed_part import UnnamedPart
 HELD_SD = 1e-3
 """How well, as a share, the car and its effects count as known: they stay where they are."""
 
+PARTS = 15
+"""Of a segment, over which states are averaged for the ranges of a drive: as long as a model's usual period."""
+
 
 def unnamed_part_beside(fit: Fit, take: Take) -> UnnamedPart | None:
     """The functions of the car's state that make a `take` likelier beside the car and effects of `fit`, as they are.
 
-    None where there are no such functions, or no prediction stays finite with them.
+    None where there are no such functions, or the take cannot be followed.
     """
-    quantities = driven_quantities(fit, take)
-    found = none_if_diverged(_fit_beside_held_names, fit, take, quantities)
-    if found is None or not len(found.on):
+    with threadpool_limits(1, "blas"):
+        return none_if_diverged(_find_unnamed_part, fit, take)
+
+
+def _find_unnamed_part(fit: Fit, take: Take) -> UnnamedPart | None:
+    """What `unnamed_part_beside` returns, where nothing diverges."""
+    found = fit_beside_held_names(fit, take)
+    if not len(found.on):
         return None
-    functions = found.fit.hypothesis.functions(found.fit.phi)
+    functions, quantities = found.fit.hypothesis.functions(found.fit.phi), driven_quantities(fit, take, PARTS)
     ranges = [_widened(middle_range(quantities[name])) for name in INPUTS[:OF_THE_CAR]]
     return UnnamedPart(functions.on_body, found.basis.half_waves, np.array(ranges))
 
 
-def _fit_beside_held_names(fit: Fit, take: Take, quantities: dict[str, Floats]) -> RemainderFit:
-    """The fit with its names held and functions of the car's state beside them."""
+def fit_beside_held_names(fit: Fit, take: Take) -> RemainderFit:
+    """The fit with its names held, and functions of the car's own state beside them."""
     h, car = fit.hypothesis, fit.car()
     values = list(h.effect_values(fit.phi).values())
     names = replace(h, assumed=h.effects, nominal=car)
     held = names.trust_simulation(values, HELD_SD, dict.fromkeys(RAW_COMMANDS, HELD_SD))
+    assert held.trusted_simulation is not None  # noqa: S101  # it has just been given
+    # a normal law: one of heavy tails lets go of what is pulled hard
+    held = replace(held, trusted_simulation=held.trusted_simulation._replace(nu=np.inf))
     start = evaluate_fixed(take, held, held.phi_of(car, values), fit.scales)
-    basis = remainder_basis(quantities, car).of_the_car()
+    basis = remainder_basis(driven_quantities(fit, take), car).of_the_car()
     return fit_with_remainder(start, take, explain_with_copies(start, take, basis, ()))
 
 

@@ -13,14 +13,14 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.diagnosis.kept_steps import kept_under
 from bcid.diagnosis.limits import LOCATE_LIMITS, SEARCH_LIMITS
-from bcid.diagnosis.locate.pushes import estimate_disturbances
+from bcid.diagnosis.locate.pushes import mean_states
 from bcid.diagnosis.remainder.evidence import Quadratic, channel_worths, likeliest_spreads
 from bcid.diagnosis.remainder.functions import CHANNELS, RemainderBasis, channel_of, remainder_basis
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
 from bcid.diagnosis.remainder.waves import MOST_WAVES, add_waves, find_wave
 from bcid.likelihood.marginal import robust_weights
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.take import Take
+from bcid.likelihood.take import KNOTS, SEGMENT_S, Take
 
 REWEIGHTINGS = 3  # of segments, while the remainder is found from nothing
 CHANCE_DRAWS = 8  # a remainder that exceeds all of them is one of chance once in nine times
@@ -81,14 +81,14 @@ def basis_for(fit: Fit, take: Take) -> RemainderBasis:
     return remainder_basis(driven_quantities(fit, take), fit.car())
 
 
-def driven_quantities(fit: Fit, take: Take) -> dict[str, Floats]:
-    """What the take's drive went through (n,), by the names in INPUTS: means over 0.5 s as `fit` predicts them."""
-    disturbances = estimate_disturbances(fit, take)
-    q, car = disturbances.states, fit.car()
+def driven_quantities(fit: Fit, take: Take, parts: int = KNOTS) -> dict[str, Floats]:
+    """What the take's drive went through (n,), by the names in INPUTS: means over `parts` parts of its segments."""
+    q, car = mean_states(fit, take, parts), fit.car()
     across = q["v_y"] + car.l_f * q["omega"]
     v_fx = np.cos(q["delta"]) * q["v_x"] + np.sin(q["delta"]) * across
-    time_s = disturbances.time_s - take.zero_s[disturbances.segment]
-    return {**q, "v_fx": v_fx, "t": time_s}
+    within_s = (np.arange(parts) + 0.5) * SEGMENT_S / parts
+    time_s = (take.begin_s - take.zero_s)[:, None] + within_s
+    return {**q, "v_fx": v_fx, "t": time_s.ravel()}
 
 
 @kept_under("remainder_error", "min_wave_nats")

@@ -119,7 +119,8 @@ class SearchState:
         A refit without a remainder may have moved the parameters of the simulation far, to do what has no name.
         """
         hypothesis = rest.named.hypothesis
-        phi = hypothesis.phi_at(given.car(), given.hypothesis.effect_values(given.phi))
+        values = hypothesis.effect_values(rest.named.phi) | given.hypothesis.effect_values(given.phi)
+        phi = hypothesis.phi_at(given.car(), values)
         start = none_if_diverged(evaluate_fixed, self.take, hypothesis, phi, given.scales)
         if start is None:
             return rest

@@ -10,7 +10,7 @@ import numpy as np
 
 from bcid.aliases import Floats, Switches
 from bcid.compiled.njit import njit
-from bcid.effects.actuators import SteeringState, continue_actuator_chain
+from bcid.effects.actuators import ActuatorChain, SteeringState, continue_actuator_chain
 from bcid.effects.car import BodyState, LagState, unpack_body, unpack_lags
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import to_pose_clock
@@ -148,24 +148,43 @@ def initial_state(
     return AugmentedState(b, lagged, servo, t, kept)
 
 
-@njit
-def advance_augmented(state: AugmentedState, parts: Floats, s: AugmentedSetup) -> AugmentedState:
-    """State of a car with effects one period after `state` under the period's commands `parts` (W, 4).
+class PeriodActuation(NamedTuple):
+    """What the actuators do in one period."""
 
-    First the actuators give steering angles and throttle, then the body is integrated by RK4 under them.  A part is
-    [duration (s), u_s (rad), u_m, brake share].
+    chain: ActuatorChain
+    servo: SteeringState  # at the period's end
+    commands: Floats  # (kept, 4) held back for the next
+
+
+@njit
+def actuate_period(state: AugmentedState, parts: Floats, s: AugmentedSetup) -> PeriodActuation:
+    """What the actuators give in the period after `state` under its commands `parts` (W, 4).
+
+    A part is [duration (s), u_s (rad), u_m, brake share].
     """
     commands = _append_parts(state.commands, parts, state.t)
-    h, e, values = s.period / s.steps, s.switches, commands[:, 1:].copy()
+    values = commands[:, 1:].copy()
     chain, servo = continue_actuator_chain(
-        state.servo, command_arrivals(commands, s), values, state.t, s.steps, h, s.car, s.limit, e
-    )
+        state.servo, command_arrivals(commands, s), values, state.t, s.steps, s.period / s.steps, s.car, s.limit,
+        s.switches,
+    )  # fmt: skip
+    return PeriodActuation(chain, servo, commands[len(commands) - s.kept :].copy())
+
+
+@njit
+def integrate_period(state: AugmentedState, act: PeriodActuation, s: AugmentedSetup) -> AugmentedState:
+    """State of a car with effects one period after `state`, its body integrated by RK4 as the actuators `act`."""
     no_pushes = np.zeros((1, 3))
     end = integrate_body(
-        state.body, state.lagged, 0, s.steps, chain, s.T, no_pushes, s.steps, s.car, e, s.constants
+        state.body, state.lagged, 0, s.steps, act.chain, s.T, no_pushes, s.steps, s.car, s.switches, s.constants
     )[s.steps]  # fmt: skip
-    kept = commands[len(commands) - s.kept :].copy()
-    return AugmentedState(unpack_body(end), unpack_lags(end), servo, state.t + s.period, kept)
+    return AugmentedState(unpack_body(end), unpack_lags(end), act.servo, state.t + s.period, act.commands)
+
+
+@njit
+def advance_augmented(state: AugmentedState, parts: Floats, s: AugmentedSetup) -> AugmentedState:
+    """State of a car with effects one period after `state` under the period's commands `parts` (W, 4)."""
+    return integrate_period(state, actuate_period(state, parts, s), s)
 
 
 @njit

@@ -13,18 +13,19 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.compiled.njit import njit
+from bcid.effects.actuators import actuation_at
 from bcid.effects.car import BodyState, LagState
-from bcid.effects.linkage import angle_at_rest
-from bcid.effects.remainder import remainder_inputs
+from bcid.effects.unnamed_action import inputs_of_remainder
 from bcid.models.newton_euler.augmented_step import (
     AugmentedSetup,
     AugmentedState,
-    advance_augmented,
+    PeriodActuation,
+    actuate_period,
+    integrate_period,
     pack_carry,
     tracked_twist,
     unpack_carry,
 )
-from bcid.physics.steering import steering_rate
 
 LEAST_SHARE = 1e-6  # below which what has no name is not worth its time
 
@@ -38,15 +39,13 @@ class RemainderSetup(NamedTuple):
 
 
 @njit
-def driven_share(state: AugmentedState, parts: Floats, s: RemainderSetup) -> float:
-    """The share (0 to 1) that what has no name has of its action at a state, under a period's commands `parts` (W, 4).
+def driven_share(state: AugmentedState, act: PeriodActuation, s: RemainderSetup) -> float:
+    """The share (0 to 1) with which functions act at a state, as a period begins in which the actuators do `act`.
 
-    It is 1 where all quantities that it may depend on are in the ranges that were driven.
+    It is 1 where all quantities of the car's own are in the ranges that were driven.
     """
-    b, e, p = state.body, s.named.switches, s.named.car
-    delta, rate = angle_at_rest(state.servo.behind, e), steering_rate(parts[0, 1], state.servo.angle, p.T_s, p.d)
-    at = remainder_inputs(b.p_x, b.p_y, b.v_x, b.v_y, b.omega, delta, rate, parts[0, 2], state.t, p)
-    away = 0.0
+    now = actuation_at(0, act.chain, s.named.T)
+    at, away = inputs_of_remainder(now, state.body, s.named.car, s.named.switches), 0.0
     for q in range(len(s.driven)):
         low, high = s.driven[q, 0], s.driven[q, 1]
         away += max(low - at[q], at[q] - high, 0.0) / (0.5 * (high - low))
@@ -71,13 +70,14 @@ def mix_states(one: AugmentedState, other: AugmentedState, share: float) -> Augm
 @njit
 def advance_with_remainder(state: AugmentedState, parts: Floats, s: RemainderSetup) -> AugmentedState:
     """State of the car one period after `state` under the period's commands `parts` (W, 4)."""
-    share = driven_share(state, parts, s)
+    act = actuate_period(state, parts, s.named)
+    share = driven_share(state, act, s)
     if share == 1.0:
-        return advance_augmented(state, parts, s.whole)
-    named = advance_augmented(state, parts, s.named)
+        return integrate_period(state, act, s.whole)
+    named = integrate_period(state, act, s.named)
     if share < LEAST_SHARE:
         return named
-    return mix_states(named, advance_augmented(state, parts, s.whole), share)
+    return mix_states(named, integrate_period(state, act, s.whole), share)
 
 
 @njit

@@ -13,10 +13,9 @@ from bcid.aliases import Floats
 from bcid.effects.harmonics import AnglePlan, plan_angles
 from bcid.effects.remainder_table import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, MOST, OF_THE_CAR, WAVE
 from bcid.models.interface import Arrays
-from bcid.models.limits import LIMITS
 from bcid.models.saved_parts import ArrayRule, check_arrays
 
-_ANY = LIMITS.max_constant
+_ANY = 1e6  # beyond which the compiled sine of such an angle (rad) is none
 RULES: Mapping[str, ArrayRule] = {
     "functions": ArrayRule(np.float64, ("functions", COLUMNS), -_ANY, _ANY),
     "half_waves": ArrayRule(np.float64, (len(INPUTS), 2), -_ANY, _ANY),

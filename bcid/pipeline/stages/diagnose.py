@@ -48,9 +48,10 @@ def run_diagnose_stage(
     against = _reference_model(simulation, simulated, takes, motions, vehicle, tuned)
     found = diagnose_recordings(takes, motions, vehicle, against, progress)
     progress(0.85, "held-out proof")
-    unknown = found.naming.unknown_nats > 0.0
+    models = _models_of(found, motions[0].period_s)
     horizons, tracks = compare_predictions(
-        found.naming.base, found.fit, found.take, takes[0], motions[0], vehicle, tuned, against, unknown
+        found.naming.base, found.fit, found.take, takes[0], motions[0], vehicle, tuned, against,
+        with_remainder=WITH_REMAINDER in models,
     )  # fmt: skip
     document = summarise_diagnosis(
         found, horizons, vehicle=vehicle.name, recordings=tuple(names), duration_s=found.take.T,
@@ -64,29 +65,27 @@ def run_diagnose_stage(
     document.model_copy(update=more).write(folder / "diagnosis.json")
     write_columns(folder / "knots.parquet", knot_columns(found), KNOT_UNITS)
     write_columns(folder / "tracks.parquet", track_columns(tracks), TRACK_UNITS)
-    _save_models(folder, found, motions, unknown, progress)
-
-
-def _save_models(
-    folder: Path, found: Diagnosis, motions: Sequence[Estimate], unknown: bool, progress: Progress
-) -> None:  # fmt: skip
-    """Save the car with the names, and the base model, for views that predict with both.
-
-    Where something is `unknown`, the car with what has no name is saved, too, without its process noise, which would
-    take four times as long to find as that of the names alone.
-    """
-    T, period_s = float(found.take.length_s[0]), motions[0].period_s
-    models: dict[str, Model] = {"base": model_from_fit(found.naming.base, T, period_s)}
-    models["model"] = model_from_fit(found.fit, T, period_s)
-    if unknown:
-        models[WITH_REMAINDER] = add_remainder(found.fit, found.take, T, period_s)
     for name, model in models.items():
         (folder / name).mkdir()
         save_model(model, folder / name)
-    if unknown:
-        ModelValidity(None, DataRange.from_estimates(motions)).save(folder / WITH_REMAINDER)
     progress(0.95, "process noise")
     ModelValidity.measure(models["model"], motions, NOISE_SEED).save(folder / "model")
+    if WITH_REMAINDER in models:
+        # its process noise would take four times as long to find
+        ModelValidity(None, DataRange.from_estimates(motions)).save(folder / WITH_REMAINDER)
+
+
+def _models_of(found: Diagnosis, period_s: float) -> dict[str, Model]:
+    """The car with the names, and the base model, for views that predict with both, by the names of their folders.
+
+    Where something is left beside the names, that car with free functions of its state is there, too, if there are any.
+    """
+    T = float(found.take.length_s[0])
+    models: dict[str, Model] = {
+        name: model_from_fit(fit, T, period_s) for name, fit in (("base", found.naming.base), ("model", found.fit))
+    }
+    whole = add_remainder(found.fit, found.take, T, period_s) if found.naming.unknown_nats > 0.0 else None
+    return models if whole is None else {**models, WITH_REMAINDER: whole}
 
 
 def _reference_model(

@@ -14,7 +14,7 @@ from bcid.proof.limits import LIMITS
 from bcid.proof.real.jobs import Job
 from bcid.proof.real.misfit import own_quantity
 from bcid.proof.real.questions import DrivePair, EditedQuestion, RecordedDrive, WithheldQuestion
-from bcid.proof.real.transfer import AUGMENTED, BASE
+from bcid.proof.real.transfer import AUGMENTED, BASE, NAMED
 from bcid.proof.real.variations import AS_ASKED
 
 TIERS = ("withheld", "control", "edited", "replication", "transfer", "start", "part")
@@ -176,6 +176,7 @@ def _score_transfer(row: Mapping[str, Any]) -> Row:
     """
     medians = {name: math.inf if e["median_m"] is None else e["median_m"] for name, e in row["errors"].items()}
     own = medians.pop(AUGMENTED)
+    medians.pop(NAMED, None)  # a part of it
     return {
         **row, "right": own < medians[BASE], "false": [], "below_base": own < medians[BASE],
         "best": math.isfinite(own) and own <= min(medians.values()),
