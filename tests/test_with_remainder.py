@@ -196,7 +196,7 @@ def test_it_is_for_predictions_alone(tmp_path: Path, vehicle: Vehicle, estimates
     with pytest.raises(UsageError, match="free functions"):
         as_adaptable(model, vehicle, estimates[0])
     save_model(model, tmp_path)
-    with pytest.raises(InputRefused, match="forces all have a name"):
+    with pytest.raises(InputRefused, match="free functions"):
         reference_from_model(tmp_path)
 
 

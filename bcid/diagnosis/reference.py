@@ -31,6 +31,7 @@ from bcid.models.interface import History, history_at, rollout
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.initial_guess import guess_car
 from bcid.models.newton_euler.model import NewtonEuler
+from bcid.models.newton_euler.with_remainder import NewtonEulerWithRemainder
 from bcid.models.saving import load_model
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle
@@ -52,12 +53,8 @@ def reference_from_model(folder: Path) -> ReferenceModel:
         return ReferenceModel(model.car, dict(model.effects))
     if isinstance(model, NewtonEuler):
         return ReferenceModel(model.car, {})
-    raise InputRefused(
-        folder,
-        "model.json",
-        f"holds {model.name}, which is no car whose forces all have a name",
-        "name a newton-euler model",
-    )
+    has = "which has free functions" if isinstance(model, NewtonEulerWithRemainder) else "which has no forces"
+    raise InputRefused(folder, "model.json", f"holds {model.name}, {has}", "name a newton-euler model")
 
 
 class ParameterFile(Settings):
