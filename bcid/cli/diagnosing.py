@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,6 +15,9 @@ from bcid.cli.completion import complete_effects
 from bcid.cli.options import Format
 from bcid.cli.reporting import DIAGNOSIS_FILES, publish_diagnosis
 from bcid.errors import UsageError
+
+if TYPE_CHECKING:
+    from bcid.documents.diagnosis import HorizonError
 
 DEFAULT_PLAN = Path("plans/plan.commands.csv")
 DEFAULT_ARENA = "12,7"
@@ -55,12 +59,21 @@ def diagnose(
     model = DIAGNOSED if not out else page.parent / "model"
     compares = "compares the car with what was found, a newton-euler-augmented, with others"
     sink.note(f"page: {page}\nnext: bcid report --model {model} {compares}")
-    whole = page.parent / WITH_REMAINDER
-    if whole.is_dir():
-        sink.note(
-            f"{whole} adds free functions of the car's state, which act where this drive went: for predictions alone"
-        )
+    if (page.parent / WITH_REMAINDER).is_dir():
+        sink.note(f"{page.parent / WITH_REMAINDER} {describe_free_functions(document.horizons)}")
     work.raise_if_parts_lost()
+
+
+def describe_free_functions(horizons: Sequence[HorizonError]) -> str:
+    """What the model with free functions is, and how its held-out errors compare with those of the names alone.
+
+    >>> from bcid.documents.diagnosis import HorizonError
+    >>> describe_free_functions([HorizonError(horizon_s=2.0, nmse_after=0.04, nmse_remainder=0.01)])[-50:]
+    'predictions: held out, 0.25 times the error at 2 s'
+    """
+    ratios = {h.horizon_s: h.nmse_remainder / h.nmse_after for h in horizons if h.nmse_remainder and h.nmse_after}
+    told = ", ".join(f"{ratio:.2f} times the error at {horizon:g} s" for horizon, ratio in ratios.items())
+    return f"adds free functions of the car's state where this drive went, for predictions: held out, {told or 'lost'}"
 
 
 def read_arena(text: str) -> tuple[float, float]:
