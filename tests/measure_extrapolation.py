@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from bcid.diagnosis.diagnose import fit_base_model
-from bcid.diagnosis.judge.prediction_error import model_from_reference
+from bcid.diagnosis.judge.fitted_models import model_from_reference
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.diagnosis.remainder.explain import basis_for, explain
 from bcid.diagnosis.remainder.fit import RemainderFit, fit_with_remainder

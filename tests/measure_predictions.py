@@ -16,7 +16,7 @@ from scipy.stats import binomtest
 
 from bcid.aliases import Floats
 from bcid.diagnosis.diagnose import diagnose_recordings
-from bcid.diagnosis.judge.prediction_error import model_from_fit
+from bcid.diagnosis.judge.fitted_models import model_from_fit
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
 from bcid.evaluation.noise_covariance import NORMAL_FACTOR

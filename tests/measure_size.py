@@ -38,7 +38,7 @@ def held_out_error(constant: str, size: float, seed: int) -> float:
     estimate = estimate_motion(recording, vehicle, TUNING)
     with threadpool_limits(1, "blas"):
         base = fit_base_model([recording], [estimate], vehicle)
-        rows, _ = compare_predictions(base.fit, base.fit, base.take, recording, estimate, vehicle, TUNING)
+        rows = compare_predictions(base.fit, base.fit, base.take, recording, estimate, vehicle, TUNING).horizons
     (nmse,) = (row.nmse_before for row in rows if row.horizon_s == HORIZON_S)
     assert nmse is not None
     return float(np.sqrt(nmse))

@@ -31,12 +31,13 @@ def measure_drive(name: str, inputs: QuestionInputs) -> dict[str, Any]:
     recording, estimate, tuning = inputs.estimate_recording(name, vehicle)
     found = diagnose_recordings([recording], [estimate], vehicle)
     unknown = found.naming.unknown_nats > 0.0
-    rows, _ = compare_predictions(
+    rows, _, share = compare_predictions(
         found.naming.base, found.fit, found.take, recording, estimate, vehicle, tuning, with_remainder=unknown
     )  # fmt: skip
     return {
         "verdict": found.judgement.verdict,
         "names": [f.effect for f in found.judgement.findings],
+        "function_share": share,
         "errors": {f"{row.horizon_s:g}": {s: getattr(row, f"nmse_{s}") for s in STAGES} for row in rows},
     }
 

@@ -17,7 +17,7 @@ from viewed import miss_m, read_view
 from bcid.cli.app import app
 from bcid.diagnosis import diagnose
 from bcid.diagnosis.diagnose import BaseFit, Diagnosis, diagnose_recordings
-from bcid.diagnosis.judge.prediction_error import model_from_reference
+from bcid.diagnosis.judge.fitted_models import model_from_reference
 from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.diagnosis.summary import KNOT_UNITS, knot_columns, summarise_diagnosis

@@ -14,7 +14,7 @@ from concealed import concealing
 
 from bcid.aliases import Floats
 from bcid.diagnosis.diagnose import BaseFit, fit_base_model
-from bcid.diagnosis.judge.prediction_error import model_from_reference
+from bcid.diagnosis.judge.fitted_models import model_from_reference
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.effects.harmonics import plan_angles
 from bcid.effects.remainder_table import COLUMNS

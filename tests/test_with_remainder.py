@@ -14,9 +14,16 @@ from concealed import USUAL, concealing
 from test_augmented import LIMIT, augmented
 
 from bcid.adaptation.adapt import as_adaptable
-from bcid.diagnosis.judge import prediction_error
+from bcid.diagnosis.judge import fitted_models, free_functions
+from bcid.diagnosis.judge.fitted_models import model_from_fit
+from bcid.diagnosis.judge.free_functions import (
+    add_free_functions,
+    best_share,
+    held_out_share,
+    trained_on_first_half,
+)
 from bcid.diagnosis.judge.held_out import split_halves
-from bcid.diagnosis.judge.prediction_error import add_remainder, compare_predictions, model_from_fit
+from bcid.diagnosis.judge.prediction_error import compare_predictions
 from bcid.diagnosis.reference import reference_from_model
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.diagnosis.remainder.beside_names import fit_beside_held_names
@@ -28,6 +35,7 @@ from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import position_errors
 from bcid.export.exported import export_model
 from bcid.models.interface import FitTask, history_at, history_at_rest, rollout
+from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.augmented_step import actuate_period, unpack_carry
 from bcid.models.newton_euler.remainder_step import advance_with_remainder, driven_share
 from bcid.models.newton_euler.unnamed_part import UnnamedPart
@@ -225,8 +233,8 @@ def test_beside_a_car_that_lacks_something_it_predicts_another_drive_better() ->
     """Half of the error at most, and no function of the place or of the time."""
     fit, take = concealing(120.0, **LACKING)
     _, other = drive(60.0, 9)
-    named, whole = model_from_fit(fit, 60.0, other.period_s), add_remainder(fit, take, 60.0, other.period_s)
-    assert whole is not None
+    named, whole = model_from_fit(fit, 60.0, other.period_s), add_free_functions(fit, take, 60.0, other.period_s)
+    assert isinstance(whole, NewtonEulerWithRemainder)
     assert not whole.unnamed.functions[:, WAVE + OF_THE_CAR :].any()
     alone, beside = (np.median(position_errors(m, other, 2.0)) for m in (named, whole))
     assert beside < 0.5 * alone
@@ -245,8 +253,8 @@ def test_on_the_drive_that_it_was_found_from_it_acts_in_full_nearly_always() -> 
     """The servo of this car turns faster than it does in any mean over half a second."""
     fit, take = concealing(120.0, **LACKING)
     _, estimate = drive(120.0, 4)
-    whole = add_remainder(fit, take, 120.0, estimate.period_s)
-    assert whole is not None
+    whole = add_free_functions(fit, take, 120.0, estimate.period_s)
+    assert isinstance(whole, NewtonEulerWithRemainder)
     shares = []
     for k in range(20, len(estimate) - 1, 7):
         state = unpack_carry(whole.init(history_at(estimate, k, whole.lags)))
@@ -257,15 +265,29 @@ def test_on_the_drive_that_it_was_found_from_it_acts_in_full_nearly_always() -> 
 
 def test_nothing_is_found_beside_a_car_that_lacks_nothing() -> None:
     fit, take = concealing(120.0)
-    model = add_remainder(fit, take, 120.0, 0.1)
-    assert model is None or slower(model) == pytest.approx(0.0, abs=2e-3)
+    model = add_free_functions(fit, take, 120.0, 0.1)
+    assert isinstance(model, AugmentedNewtonEuler) or slower(model) == pytest.approx(0.0, abs=2e-3)
+
+
+@pytest.mark.parametrize(("times", "share"), [(1.0, 1.0), (2.0, 0.5), (4.0, 0.25), (-1.0, 0.0)])
+def test_functions_are_taken_at_the_share_of_their_size_that_does_most_good(times: float, share: float) -> None:
+    """Those that are twice as large as they should be at half of it; those that do harm not at all."""
+    fit, take = concealing(120.0, **LACKING)
+    _, other = drive(60.0, 9)
+    whole = add_free_functions(fit, take, 60.0, other.period_s)
+    assert isinstance(whole, NewtonEulerWithRemainder)
+    halves = [whole.scale_functions(times)] * 2
+    assert best_share(halves, other, trained_on_first_half(other, take, 0.0)) == share
+    named = [whole.named] * 2
+    assert best_share(named, other, trained_on_first_half(other, take, 0.0)) == 0.0
 
 
 def test_held_out_errors_with_it_are_told() -> None:
     fit, take = concealing(120.0, **LACKING)
     recording, estimate = drive(120.0, 4)
     vehicle = simulated_vehicle()
-    rows, _ = compare_predictions(fit, fit, take, recording, estimate, vehicle, TUNING, with_remainder=True)
+    rows, _, share = compare_predictions(fit, fit, take, recording, estimate, vehicle, TUNING, with_remainder=True)
+    assert share == held_out_share(fit, take, estimate, recording.poses.time_s[0]) > 0.5
     two = next(row for row in rows if row.horizon_s == 2.0)
     assert two.nmse_remainder is not None
     assert two.nmse_after is not None
@@ -273,8 +295,8 @@ def test_held_out_errors_with_it_are_told() -> None:
     assert two.remainder_ratio_ci95 is not None
     assert two.remainder_ratio_ci95[1] < 1.0
     assert two.remainder_lost == 0.0
-    without, _ = compare_predictions(fit, fit, take, recording, estimate, vehicle, TUNING)
-    assert all(row.nmse_remainder is row.remainder_lost is None for row in without)
+    without = compare_predictions(fit, fit, take, recording, estimate, vehicle, TUNING)
+    assert all(row.nmse_remainder is row.remainder_lost is None for row in without.horizons)
 
 
 @pytest.mark.parametrize("diverges", [False, True])
@@ -293,15 +315,16 @@ def test_functions_are_found_from_the_half_that_the_car_was_fitted_to(
     def refuse(*_: Any) -> Any:
         raise PredictionDiverged("")
 
-    monkeypatch.setattr(prediction_error, "unnamed_part_beside", find)
+    monkeypatch.setattr(free_functions, "unnamed_part_beside", find)
     if diverges:
-        monkeypatch.setattr(prediction_error, "refit_on_half", refuse)
-    rows, _ = compare_predictions(
+        monkeypatch.setattr(fitted_models, "refit_on_half", refuse)
+    found = compare_predictions(
         fit, fit, take, recording, estimate, simulated_vehicle(), TUNING, with_remainder=True
     )  # fmt: skip
     for begin_s, half in zip(asked, split_halves(take), strict=True):
         np.testing.assert_array_equal(begin_s, take.begin_s[half])
-    assert all(row.nmse_remainder == row.nmse_after for row in rows)  # nothing was found
+    assert all(row.nmse_remainder is None for row in found.horizons)  # nothing was found
+    assert found.function_share == 0.0
 
 
 @pytest.mark.parametrize("something", [True, False])

@@ -13,13 +13,9 @@ import numpy as np
 
 from bcid.aliases import Floats, Ints
 from bcid.diagnosis.diagnose import Diagnosis
+from bcid.diagnosis.judge.fitted_models import model_from_fit, refit_on_half_or_keep, squared_errors
 from bcid.diagnosis.judge.held_out import block_length_s, split_halves
-from bcid.diagnosis.judge.prediction_error import (
-    model_from_fit,
-    refit_on_half_or_keep,
-    simulate_fitted_car,
-    squared_errors,
-)
+from bcid.diagnosis.judge.prediction_error import simulate_fitted_car
 from bcid.diagnosis.search.refits import fitted_corrections, refit_with_effects
 from bcid.documents.error_budget import Cause, ErrorBudget, ErrorShare
 from bcid.errors import InputRefused

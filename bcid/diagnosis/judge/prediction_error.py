@@ -7,28 +7,27 @@ import numpy as np
 
 from bcid.aliases import Floats, Ints
 from bcid.bootstrap import draw_blocks, quantile_interval
-from bcid.diagnosis.judge.held_out import block_length_s, refit_on_half, split_halves
+from bcid.diagnosis.judge.fitted_models import (
+    model_from_fit,
+    model_from_reference,
+    refit_on_half_or_keep,
+    squared_errors,
+)
+from bcid.diagnosis.judge.free_functions import best_share, model_of_half, scale_functions, trained_on_first_half
+from bcid.diagnosis.judge.held_out import block_length_s, split_halves
 from bcid.diagnosis.reference_model import ReferenceModel
-from bcid.diagnosis.remainder.beside_names import unnamed_part_beside
 from bcid.documents.diagnosis import HorizonError
-from bcid.errors import UsageError
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
-from bcid.evaluation.closed_loop import RestartedPrediction, predict_with_restarts
+from bcid.evaluation.closed_loop import predict_with_restarts
 from bcid.experiment.simulate import observe_states, simulate_states
 from bcid.likelihood.divergence import none_if_diverged
-from bcid.likelihood.hypothesis import DRAG
 from bcid.likelihood.nuisance import without_pushes
-from bcid.likelihood.prepare import effect_constants
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import GROUP_S, Take
-from bcid.likelihood.unnamed_functions import UnnamedFunctions
 from bcid.models.fitting.windows import inverse_spread
 from bcid.models.interface import Model
-from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
-from bcid.models.newton_euler.saved_car import correlation_fact
-from bcid.models.newton_euler.with_remainder import NewtonEulerWithRemainder
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle
 
@@ -46,80 +45,42 @@ class PredictedTracks(NamedTuple):
     starts: Floats  # (K,) 1 where predictions start, else 0
 
 
-def model_from_fit(fit: Fit, T: float, period_s: float) -> AugmentedNewtonEuler:
-    """The fitted car with its effects as a model that predicts the twist step by step, in steps of `period_s` (s).
+class PredictionErrors(NamedTuple):
+    """Errors at all HORIZONS_S, predicted tracks, and at which share of their size free functions do most good."""
 
-    `T` (s) is the recording's length, which the effect `motor_sag` needs: its motor force falls as 1 - s t / T.
-    """
-    hypothesis = fit.hypothesis
-    _require_names(hypothesis.known)
-    se = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    car = fit.car()
-    fitted = [*hypothesis.log_parameters, *DRAG]
-    values = [*(getattr(car, s) for s in hypothesis.log_parameters), *hypothesis.drag_units]
-    errors = {s: float(value * e) for s, value, e in zip(fitted, values, se, strict=False)}
-    errors |= {field: e for field, (_, e) in fit.effect_estimates().items()}
-    named = slice(hypothesis.named_size)
-    facts = {
-        "fitted": fitted, "se": errors, "log_likelihood": fit.log_likelihood,
-        "correlation": correlation_fact(list(errors), fit.covariance[named, named]),
-        "noise": {"r": fit.scales.r.tolist(), "q": fit.scales.q.tolist()},
-    }  # fmt: skip
-    return AugmentedNewtonEuler(
-        car, hypothesis.effect_values(fit.phi), hypothesis.constants, hypothesis.angle_limit, T, period_s, facts
-    )
-
-
-def add_remainder(fit: Fit, take: Take, T: float, period_s: float) -> NewtonEulerWithRemainder | None:
-    """The model of `model_from_fit` with free functions of the car's state beside it, found from the `take`.
-
-    None where there are none that make it likelier.
-    """
-    unnamed = unnamed_part_beside(fit, take)
-    return unnamed and NewtonEulerWithRemainder(model_from_fit(fit, T, period_s), unnamed)
-
-
-def _require_names(known: UnnamedFunctions) -> None:
-    """Raise `UsageError` where a simulation has functions without a name, which no model can be saved with."""
-    if known.size:
-        raise UsageError("a model has no functions without a name\n  next: use a simulation of names alone")
-
-
-def model_from_reference(
-    reference: ReferenceModel, vehicle: Vehicle, T: float, period_s: float
-) -> AugmentedNewtonEuler:
-    """The reference model with its effects, not refitted, as a model that predicts the twist step by step.
-
-    A step is `period_s` (s).  `T` (s) is the recording's length, which the effect `motor_sag` needs: its motor force
-    falls as 1 - s t / T.
-    """
-    _require_names(reference.known)
-    return AugmentedNewtonEuler(
-        reference.car, reference.effects, effect_constants(vehicle), vehicle.steering.max_angle_rad, T, period_s, {}
-    )
+    horizons: list[HorizonError]
+    tracks: PredictedTracks
+    function_share: float  # 0 where they do none, or were not asked for
 
 
 def compare_predictions(
     before: Fit, after: Fit, take: Take, recording: Recording, estimate: Estimate, vehicle: Vehicle, tuning: Tuning,
     reference: ReferenceModel | None = None, with_remainder: bool = False,
-) -> tuple[list[HorizonError], PredictedTracks]:  # fmt: skip
+) -> PredictionErrors:  # fmt: skip
     """Prediction errors of two fits at all HORIZONS_S, with 95 % intervals and the noise floor, and predicted tracks.
 
     Predictions restart from the `estimate` of the take's first recording every horizon; errors are normalised mean
     squares of the twist (NMSE).  The fits without (`before`) and with (`after`) the named effects are cross-validated:
-    refitted to each half of the take's blocks and judged on the other; and `with_remainder` the latter with what has no
-    name beside it is, too.  The `reference` model is judged as given.  The noise floor is the error of `after` on a
-    recording simulated by `after` itself, whose motion is estimated with the same `tuning`.  Tracks are measured and
-    predicted positions; their predictions restart every TRACKS_HORIZON_S.
+    refitted to each half of the take's blocks and judged on the other; and `with_remainder` the latter with free
+    functions beside it is, too, at the share of their size that does most good.  The `reference` model is judged as
+    given.  The noise floor is the error of `after` on a recording simulated by `after` itself, whose motion is
+    estimated with the same `tuning`.  Tracks are measured and predicted positions; their predictions restart every
+    TRACKS_HORIZON_S.
     """
     weights = inverse_spread(estimate.twist)
-    block = ((estimate.time_s - recording.poses.time_s[0]) // block_length_s(take)).astype(int)
-    trained_on_first, halves = block % 2 == 1, split_halves(take)
+    zero_s, halves = float(recording.poses.time_s[0]), split_halves(take)
+    block = ((estimate.time_s - zero_s) // block_length_s(take)).astype(int)
+    trained_on_first = trained_on_first_half(estimate, take, zero_s)
     T, period_s = float(take.length_s[0]), estimate.period_s
     refits = [[refit_on_half_or_keep(fit, take, half) for half in halves] for fit in (before, after)]
     trained: list[list[Model]] = [[model_from_fit(fit, T, period_s) for fit in pair] for pair in refits]
+    share = 0.0
     if with_remainder:
-        trained.append([_model_of_half(fit, take, half, period_s) for fit, half in zip(refits[1], halves, strict=True)])
+        pairs = zip(refits[1], halves, strict=True)
+        whole = [model_of_half(fit, take, half, period_s) for fit, half in pairs]
+        share = best_share(whole, estimate, trained_on_first)
+        if share > 0.0:
+            trained.append([scale_functions(model, share) for model in whole])
     # a car that only fits stretch by stretch may not drive a whole take
     simulated = none_if_diverged(simulate_fitted_car, after, take, recording)
     again = estimate_motion(simulated, vehicle, tuning, period_s) if simulated else None
@@ -143,7 +104,7 @@ def compare_predictions(
             off = squared_errors(given, estimate, weights)
             lost = float(np.isnan(off).mean())
             row = row.model_copy(update={"nmse_given": _finite_mean(off), "given_lost": lost})
-        if with_remainder:
+        if share > 0.0:
             beside = _bootstrap_errors(horizon, squares[1], squares[2], None, block)
             row = row.model_copy(update={
                 "nmse_remainder": beside.nmse_after, "remainder_lost": beside.lost,
@@ -154,31 +115,7 @@ def compare_predictions(
             starts = predictions[0].start.astype(float)
             tracks = PredictedTracks(estimate.time_s, estimate.pose[:, :2], places[0], places[1], starts)
     assert tracks is not None  # noqa: S101  # it is one of the horizons
-    return rows, tracks
-
-
-def _model_of_half(fit: Fit, take: Take, half: Ints, period_s: float) -> Model:
-    """The model of a `fit` to a half of the take, or to all of it, with the functions that the half shows, if any."""
-    T, part = float(take.length_s[0]), take.part(half)
-    if len(fit.start) == take.segments:
-        fit, part = fit.part(take, half)
-    return add_remainder(fit, part, T, period_s) or model_from_fit(fit, T, period_s)
-
-
-def refit_on_half_or_keep(fit: Fit, take: Take, half: Ints) -> Fit:
-    """The fit refitted to the segments with indices `half` only; the whole take's `fit` itself if that diverges."""
-    return none_if_diverged(refit_on_half, fit, take, half) or fit
-
-
-def squared_errors(predicted: RestartedPrediction, estimate: Estimate, weights: Floats) -> Floats:
-    """Mean over v_x, v_y and omega of squared errors of the predicted twist (K,), each error times its weight (3,).
-
-    Rows at which predictions are not finite are NaN, and so is the row at which such a prediction starts: there the
-    predicted twist is the estimated one, so that an error of 0 would count.
-    """
-    off = ((weights * (predicted.twist - estimate.twist)) ** 2).mean(axis=1)
-    off[:-1][predicted.start[:-1] & np.isnan(off[1:])] = np.nan
-    return np.asarray(off)
+    return PredictionErrors(rows, tracks, share)
 
 
 def _finite_mean(squares: Floats) -> float | None:

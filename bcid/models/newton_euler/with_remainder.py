@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any, ClassVar, Self
 
 from bcid.aliases import Floats
-from bcid.effects.remainder_table import INPUTS
+from bcid.effects.remainder_table import COEFFICIENT, INPUTS
 from bcid.effects.table import effect_switches
 from bcid.errors import UsageError
 from bcid.models.interface import Arrays, CarByCarModel, FitTask, History, ScanKernels, build_scan_kernels
@@ -65,6 +65,12 @@ class NewtonEulerWithRemainder(CarByCarModel):
             UsageError: always.
         """
         raise UsageError(f"{cls.name} is made by `bcid diagnose`\n  next: run it on the recording")
+
+    def scale_functions(self, share: float) -> Self:
+        """This car with its functions at a `share` of their size."""
+        functions = self.unnamed.functions.copy()
+        functions[:, COEFFICIENT] *= share
+        return replace(self, unnamed=self.unnamed._replace(functions=functions))
 
     def with_period(self, period_s: float) -> Self:
         """This car advancing by `period_s` (s) a step."""

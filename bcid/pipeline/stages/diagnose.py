@@ -8,7 +8,9 @@ import numpy as np
 from bcid.aliases import Progress
 from bcid.diagnosis import reference
 from bcid.diagnosis.diagnose import Diagnosis, diagnose_recordings
-from bcid.diagnosis.judge.prediction_error import add_remainder, compare_predictions, model_from_fit
+from bcid.diagnosis.judge.fitted_models import model_from_fit
+from bcid.diagnosis.judge.free_functions import add_free_functions, scale_functions
+from bcid.diagnosis.judge.prediction_error import compare_predictions
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.diagnosis.summary import KNOT_UNITS, TRACK_UNITS, knot_columns, summarise_diagnosis, track_columns
 from bcid.documents.diagnosis import NextManoeuvre, Start
@@ -19,6 +21,7 @@ from bcid.estimate.types import Estimate
 from bcid.evaluation.validity import DataRange, ModelValidity
 from bcid.files.parquet import write_columns
 from bcid.models.interface import Model
+from bcid.models.newton_euler.with_remainder import NewtonEulerWithRemainder
 from bcid.models.saving import save_model
 from bcid.pipeline.error_budget import measure_error_budget
 from bcid.pipeline.named_models import WITH_REMAINDER
@@ -48,10 +51,9 @@ def run_diagnose_stage(
     against = _reference_model(simulation, simulated, takes, motions, vehicle, tuned)
     found = diagnose_recordings(takes, motions, vehicle, against, progress)
     progress(0.85, "held-out proof")
-    models = _models_of(found, motions[0].period_s)
-    horizons, tracks = compare_predictions(
+    horizons, tracks, function_share = compare_predictions(
         found.naming.base, found.fit, found.take, takes[0], motions[0], vehicle, tuned, against,
-        with_remainder=WITH_REMAINDER in models,
+        with_remainder=found.naming.unknown_nats > 0.0,
     )  # fmt: skip
     document = summarise_diagnosis(
         found, horizons, vehicle=vehicle.name, recordings=tuple(names), duration_s=found.take.T,
@@ -65,6 +67,7 @@ def run_diagnose_stage(
     document.model_copy(update=more).write(folder / "diagnosis.json")
     write_columns(folder / "knots.parquet", knot_columns(found), KNOT_UNITS)
     write_columns(folder / "tracks.parquet", track_columns(tracks), TRACK_UNITS)
+    models = _models_of(found, motions[0].period_s, function_share)
     for name, model in models.items():
         (folder / name).mkdir()
         save_model(model, folder / name)
@@ -75,17 +78,19 @@ def run_diagnose_stage(
         ModelValidity(None, DataRange.from_estimates(motions)).save(folder / WITH_REMAINDER)
 
 
-def _models_of(found: Diagnosis, period_s: float) -> dict[str, Model]:
+def _models_of(found: Diagnosis, period_s: float, function_share: float) -> dict[str, Model]:
     """The car with the names, and the base model, for views that predict with both, by the names of their folders.
 
-    Where something is left beside the names, that car with free functions of its state is there, too, if there are any.
+    Where free functions of its state do good at a share of their size (`function_share` > 0), that car with them, too.
     """
     T = float(found.take.length_s[0])
     models: dict[str, Model] = {
         name: model_from_fit(fit, T, period_s) for name, fit in (("base", found.naming.base), ("model", found.fit))
     }
-    whole = add_remainder(found.fit, found.take, T, period_s) if found.naming.unknown_nats > 0.0 else None
-    return models if whole is None else {**models, WITH_REMAINDER: whole}
+    if function_share > 0.0:
+        whole = scale_functions(add_free_functions(found.fit, found.take, T, period_s), function_share)
+        models |= {WITH_REMAINDER: whole} if isinstance(whole, NewtonEulerWithRemainder) else {}
+    return models
 
 
 def _reference_model(

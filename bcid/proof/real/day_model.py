@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from bcid.diagnosis.diagnose import diagnose_recordings, fit_base_model
+from bcid.diagnosis.judge.free_functions import add_free_functions, held_out_share, scale_functions
 from bcid.diagnosis.reference_model import ReferenceModel
-from bcid.diagnosis.remainder.beside_names import unnamed_part_beside
 from bcid.diagnosis.search.refits import refit_with_effects
 from bcid.effects.table import EFFECTS, ENTRIES
 from bcid.likelihood.divergence import refuse_divergence
@@ -28,7 +28,7 @@ def diagnose_drive(name: str, freely: bool, inputs: QuestionInputs) -> dict[str,
     """Diagnose a recording as a user would: against the published simulation, or `freely`, with none to compare.
 
     Returns `diagnosis_row` with "base" and "model", the base model and the fit with the names, as rows of reference
-    models, and "unnamed", the arrays of what has no name beside them, None where that may be chance.
+    models, and "unnamed", the arrays of free functions beside them, None where they may be chance or do no good.
     """
     vehicle = inputs.vehicle_for(name)
     recording, estimate, _ = inputs.estimate_recording(name, vehicle)
@@ -36,10 +36,13 @@ def diagnose_drive(name: str, freely: bool, inputs: QuestionInputs) -> dict[str,
     diagnosis = diagnose_recordings([recording], [estimate], vehicle, published)
     models = {"base": diagnosis.naming.base, "model": diagnosis.fit}
     fits = {key: reference_as_row(ReferenceModel.from_fit(fit)) for key, fit in models.items()}
-    unknown = diagnosis.naming.unknown_nats > 0.0
-    unnamed = unnamed_part_beside(diagnosis.fit, diagnosis.take) if unknown else None
-    arrays = unnamed and {name: array.tolist() for name, array in unnamed._asdict().items()}
-    return {**diagnosis_row(diagnosis), **fits, "unnamed": arrays}
+    fit, take, arrays = diagnosis.fit, diagnosis.take, None
+    zero_s = float(recording.poses.time_s[0])
+    share = held_out_share(fit, take, estimate, zero_s) if diagnosis.naming.unknown_nats > 0.0 else 0.0
+    if share > 0.0:
+        model = scale_functions(add_free_functions(fit, take, float(take.length_s[0]), estimate.period_s), share)
+        arrays = {name: array.tolist() for name, array in model.to_saved()[1].items()}
+    return {**diagnosis_row(diagnosis), **fits, "unnamed": arrays or None}
 
 
 def calibrate_simulation(

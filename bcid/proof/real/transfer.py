@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bcid.diagnosis.judge.prediction_error import model_from_reference
+from bcid.diagnosis.judge.fitted_models import model_from_reference
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import position_errors
 from bcid.models.interface import FitTask
