@@ -97,6 +97,23 @@ def real_answers_table(rows: Sequence[Mapping[str, Any]]) -> str:
     )  # fmt: skip
 
 
+def held_out_table(drives: Mapping[str, Mapping[str, Any]]) -> str:
+    """The docs' table of docs/results/real_held_out.json: errors on blocks held out, by drive and horizon.
+
+    Each cell holds 10^3 times the error of the base model, with the names, and with free functions, where they change.
+    """
+    rows = list[list[str]]()
+    for name, drive in drives.items():
+        cells = [_shorten_name(Path(name).stem), ", ".join(drive["names"]) or "–", f"{drive['function_share']:g}"]
+        for horizon in ("0.5", "2", "10"):
+            e = drive["errors"][horizon]
+            stages = [e["before"], *([e["after"]] if drive["names"] else []), e["remainder"]]
+            errors = [1e3 * error for error in stages if error is not None]
+            cells.append(" → ".join(f"{error:.3g}" if error < 999.5 else f"{error:.0f}" for error in errors))
+        rows.append(cells)
+    return _markdown_table(["drive", "names", "share of the functions", "0.5 s", "2 s", "10 s"], rows)
+
+
 def _shorten_name(name: str, most: int = 32) -> str:
     """The last words of a name that has more than `most` characters.
 

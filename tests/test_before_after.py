@@ -8,13 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bcid.diagnosis.judge import prediction_error
-from bcid.diagnosis.judge.prediction_error import (
-    _bootstrap_errors,
-    _finite_mean,
-    refit_on_half_or_keep,
-    squared_errors,
-)
+from bcid.diagnosis.judge import fitted_models
+from bcid.diagnosis.judge.fitted_models import refit_on_half_or_keep, squared_errors
+from bcid.diagnosis.judge.prediction_error import _bootstrap_errors, _finite_mean
 from bcid.errors import PredictionDiverged
 from bcid.evaluation.closed_loop import RestartedPrediction
 
@@ -70,5 +66,5 @@ def test_half_a_take_that_leads_astray_leaves_the_fit_as_it_is(monkeypatch: pyte
 
     whole: Any = object()
     half: Any = None
-    monkeypatch.setattr(prediction_error, "refit_on_half", astray)
+    monkeypatch.setattr(fitted_models, "refit_on_half", astray)
     assert refit_on_half_or_keep(whole, half, half) is whole

@@ -16,6 +16,7 @@ from catalogue.table import catalogue_table, counts_told, faults_table, kills_to
 from docs_tables import (
     bench_table,
     evidence_table,
+    held_out_table,
     methods_table,
     real_answers_table,
     real_figures_table,
@@ -424,6 +425,15 @@ def test_the_docs_tell_how_far_models_of_a_real_drive_hold() -> None:
     one, other = found["remainders"]
     assert f"tyres {other['alone'] - one['alone']:.0f} nats apart" in page
     assert f"evidence is {other['with_remainder'] - one['with_remainder']:.0f} nats apart" in page
+
+
+def test_the_docs_tell_what_free_functions_predict_of_real_drives() -> None:
+    drives = json.loads((DOCS / "results" / "real_held_out.json").read_text(encoding="utf-8"))["drives"]
+    page = (DOCS / "real_recordings.md").read_text(encoding="utf-8")
+    assert held_out_table(drives) in page
+    helped = [d for d in drives.values() if d["function_share"] > 0.0]
+    assert all(d["errors"]["2"]["remainder"] < d["errors"]["2"]["after"] for d in helped)
+    assert f"On {len(helped)} of {len(drives)} drives" in page
 
 
 def test_the_docs_are_text_without_control_characters() -> None:

@@ -13,7 +13,7 @@ import pytest
 from exported_models import MODELS, PERIOD_S
 
 from bcid.aliases import Floats
-from bcid.diagnosis.judge.prediction_error import model_from_fit
+from bcid.diagnosis.judge.fitted_models import model_from_fit
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import integrate_poses
