@@ -15,11 +15,11 @@ from bcid.effects.remainder_table import COLUMNS, DIRECTION, DIRECTIONS, INPUTS,
 from bcid.models.interface import Arrays
 from bcid.models.saved_parts import ArrayRule, check_arrays
 
-_ANY = 1e6  # beyond which the compiled sine of such an angle (rad) is none
+_LARGEST = 1e6  # of an angle (rad), beyond which the compiled sine is not exact
 RULES: Mapping[str, ArrayRule] = {
-    "functions": ArrayRule(np.float64, ("functions", COLUMNS), -_ANY, _ANY),
-    "half_waves": ArrayRule(np.float64, (len(INPUTS), 2), -_ANY, _ANY),
-    "driven": ArrayRule(np.float64, (OF_THE_CAR, 2), -_ANY, _ANY),
+    "functions": ArrayRule(np.float64, ("functions", COLUMNS), -_LARGEST, _LARGEST),
+    "half_waves": ArrayRule(np.float64, (len(INPUTS), 2), -_LARGEST, _LARGEST),
+    "driven": ArrayRule(np.float64, (OF_THE_CAR, 2), -_LARGEST, _LARGEST),
 }
 
 
