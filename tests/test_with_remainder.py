@@ -54,7 +54,7 @@ ANYWHERE = np.tile([-1e3, 1e3], (OF_THE_CAR, 1))
 DECELERATION = -0.5  # m/s^2
 
 
-def slowed(driven: np.ndarray = ANYWHERE, facts: dict[str, Any] | None = None, **effects: float) -> Any:
+def slowed_car(driven: np.ndarray = ANYWHERE, facts: dict[str, Any] | None = None, **effects: float) -> Any:
     """A car with a constant deceleration that has no name, where its state is `driven`."""
     functions = np.zeros((1, COLUMNS))
     functions[0, COEFFICIENT], functions[0, DIRECTION] = DECELERATION, DIRECTIONS.index("body_x")
@@ -63,7 +63,7 @@ def slowed(driven: np.ndarray = ANYWHERE, facts: dict[str, Any] | None = None, *
     )
 
 
-def slower(model: Any, v: float = 1.5) -> float:
+def slowed_by(model: Any, v: float = 1.5) -> float:
     """By how much (m/s) a car that coasts ahead at `v` (m/s) is slower after a period than with its names alone."""
     history = history_at_rest(10)
     history = replace(history, twist=np.tile([v, 0.0, 0.0], (11, 1)))
@@ -78,7 +78,7 @@ def within(*names: str, low: float, high: float) -> np.ndarray:
 
 
 def test_what_has_no_name_acts_in_full_where_the_car_was_driven() -> None:
-    assert slower(slowed()) == pytest.approx(0.1 * DECELERATION, rel=0.1)  # drag makes up for a part
+    assert slowed_by(slowed_car()) == pytest.approx(0.1 * DECELERATION, rel=0.1)  # drag makes up for a part
 
 
 @pytest.mark.parametrize(
@@ -92,11 +92,11 @@ def test_what_has_no_name_acts_in_full_where_the_car_was_driven() -> None:
     ],
 )
 def test_it_fades_beyond_by_the_distance_over_half_of_the_range(ranges: np.ndarray, share: float) -> None:
-    assert slower(slowed(ranges)) == pytest.approx(share * slower(slowed()), rel=1e-9, abs=1e-12)
+    assert slowed_by(slowed_car(ranges)) == pytest.approx(share * slowed_by(slowed_car()), rel=1e-9, abs=1e-12)
 
 
 def test_the_compiled_steps_are_the_plain_ones(estimates: list[Estimate]) -> None:
-    model = slowed(within("omega", low=-0.1, high=0.1), motor_delay__tau=0.1, steering_offset__o=0.05)
+    model = slowed_car(within("omega", low=-0.1, high=0.1), motor_delay__tau=0.1, steering_offset__o=0.05)
     parts = np.array([[0.03, 0.1, 1.2, 0.3], [0.07, 0.4, 1.5, 0.0]])
     state = unpack_carry(model.named.init(history_at(estimates[0], 40, 10)))
     act = actuate_period(state, parts, model.setup.named)
@@ -123,16 +123,16 @@ def share_after(model: Any, command: tuple[float, float], periods: int) -> float
 def test_the_share_is_of_what_the_actuators_do_not_of_what_is_asked_for() -> None:
     """A wheel at its lock stands still whatever is asked for; one that waits for a late command does so, too."""
     slow = within("delta_rate", low=-0.2, high=0.2)
-    assert share_after(slowed(slow), (LIMIT + 0.3, 0.0), 60) == pytest.approx(1.0, abs=1e-3)
-    assert share_after(slowed(slow), (0.5, 0.0), 0) < 0.1
-    assert share_after(slowed(slow, steering_delay__tau=0.3), (0.5, 0.0), 1) == 1.0
+    assert share_after(slowed_car(slow), (LIMIT + 0.3, 0.0), 60) == pytest.approx(1.0, abs=1e-3)
+    assert share_after(slowed_car(slow), (0.5, 0.0), 0) < 0.1
+    assert share_after(slowed_car(slow, steering_delay__tau=0.3), (0.5, 0.0), 1) == 1.0
     throttle = within("u_m", low=-0.1, high=0.1)
-    assert share_after(slowed(throttle), (0.0, 0.3), 0) == pytest.approx(np.exp(-2.0))
-    assert share_after(slowed(throttle, motor_delay__tau=0.3), (0.0, 0.3), 1) == 1.0
+    assert share_after(slowed_car(throttle), (0.0, 0.3), 0) == pytest.approx(np.exp(-2.0))
+    assert share_after(slowed_car(throttle, motor_delay__tau=0.3), (0.0, 0.3), 1) == 1.0
 
 
 def test_steps_are_the_rollout_of_one_car_and_of_many(estimates: list[Estimate]) -> None:
-    model, take = slowed(within("v_x", low=0.0, high=1.0)), estimates[0]
+    model, take = slowed_car(within("v_x", low=0.0, high=1.0)), estimates[0]
     history = history_at(take, 50, model.lags)
     carry, twists = model.init(history), [history.twist[-1]]
     for command in take.command[50:80]:
@@ -148,7 +148,7 @@ def test_steps_are_the_rollout_of_one_car_and_of_many(estimates: list[Estimate])
 
 
 def test_saving_and_loading_gives_the_identical_model(tmp_path: Path) -> None:
-    model = slowed(within("v_x", low=0.0, high=1.0), {"fitted": ("K_t",), "se": {"K_t": 2.5}}, motor_delay__tau=0.1)
+    model = slowed_car(within("v_x", low=0.0, high=1.0), {"fitted": ("K_t",), "se": {"K_t": 2.5}}, motor_delay__tau=0.1)
     save_model(model, tmp_path)
     again = load_model(tmp_path)
     assert isinstance(again, NewtonEulerWithRemainder)
@@ -172,22 +172,22 @@ def test_saving_and_loading_gives_the_identical_model(tmp_path: Path) -> None:
     ],
 )
 def test_arrays_that_are_no_such_model_s_are_refused(name: str, place: Any, value: float, told: str) -> None:
-    data, arrays = slowed().to_saved()
+    data, arrays = slowed_car().to_saved()
     arrays = {key: array.copy() for key, array in arrays.items()}
     arrays[name][place] = value
     with pytest.raises(ValueError, match=told):
         NewtonEulerWithRemainder.from_saved(data, arrays)
     with pytest.raises(ValueError, match="is missing"):
         NewtonEulerWithRemainder.from_saved(data, {})
-    many = np.tile(slowed().unnamed.functions, (1000, 1))
+    many = np.tile(slowed_car().unnamed.functions, (1000, 1))
     with pytest.raises(ValueError, match="at most"):
-        NewtonEulerWithRemainder.from_saved(data, {**slowed().to_saved()[1], "functions": many})
+        NewtonEulerWithRemainder.from_saved(data, {**slowed_car().to_saved()[1], "functions": many})
 
 
 def test_no_ratio_of_waves_leads_out_of_the_table_of_powers() -> None:
     """A multiple of -2^63 has no absolute value among whole numbers; of an endless one there is none either."""
     for wave, half_wave in ((-(2.0**25), 2.0**-38), (1.0, 1e-300), (9.0, 1.0)):
-        functions, half_waves = slowed().unnamed.functions.copy(), np.zeros((len(INPUTS), 2))
+        functions, half_waves = slowed_car().unnamed.functions.copy(), np.zeros((len(INPUTS), 2))
         functions[0, WAVE], half_waves[0, 1] = wave, half_wave
         plan = plan_angles(functions, half_waves)
         assert plan.factors[0].tolist() == [1, 0, 0, 0]
@@ -195,7 +195,7 @@ def test_no_ratio_of_waves_leads_out_of_the_table_of_powers() -> None:
 
 
 def test_it_is_for_predictions_alone(tmp_path: Path, vehicle: Vehicle, estimates: list[Estimate]) -> None:
-    model = slowed()
+    model = slowed_car()
     with pytest.raises(UsageError, match="bcid diagnose"):
         NewtonEulerWithRemainder.fit(FitTask(estimates, vehicle, {}, 1))
     for of_vehicle in (False, True):
@@ -209,7 +209,7 @@ def test_it_is_for_predictions_alone(tmp_path: Path, vehicle: Vehicle, estimates
 
 
 def test_errors_of_constants_are_those_of_the_names_beside_what_has_none() -> None:
-    model = slowed(facts={"fitted": ("K_t",), "se": {"K_t": 2.5}})
+    model = slowed_car(facts={"fitted": ("K_t",), "se": {"K_t": 2.5}})
     (varied,) = vary_constants(model).variations
     for car, sign in ((varied.raised, 1.0), (varied.lowered, -1.0)):
         assert isinstance(car, NewtonEulerWithRemainder)
@@ -266,7 +266,7 @@ def test_on_the_drive_that_it_was_found_from_it_acts_in_full_nearly_always() -> 
 def test_nothing_is_found_beside_a_car_that_lacks_nothing() -> None:
     fit, take = concealing(120.0)
     model = add_free_functions(fit, take, 120.0, 0.1)
-    assert isinstance(model, AugmentedNewtonEuler) or slower(model) == pytest.approx(0.0, abs=2e-3)
+    assert isinstance(model, AugmentedNewtonEuler) or slowed_by(model) == pytest.approx(0.0, abs=2e-3)
 
 
 @pytest.mark.parametrize(("times", "share"), [(1.0, 1.0), (2.0, 0.5), (4.0, 0.25), (-1.0, 0.0)])
@@ -330,7 +330,7 @@ def test_functions_are_found_from_the_half_that_the_car_was_fitted_to(
 @pytest.mark.parametrize("something", [True, False])
 def test_it_is_what_a_transfer_predicts_with(something: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """By way of a row as JSON; where a drive left nothing it is the names alone."""
-    model, (_, other) = slowed(within("v_x", low=0.0, high=1.0)), drive(30.0, 9)
+    model, (_, other) = slowed_car(within("v_x", low=0.0, high=1.0)), drive(30.0, 9)
     arrays = {name: array.tolist() for name, array in model.unnamed._asdict().items()}
     car = reference_as_row(ReferenceModel(model.named.car, {}))
     row = json.loads(json.dumps({"base": car, "model": car, "findings": [], "unnamed": arrays if something else None}))

@@ -84,9 +84,9 @@ def diagnosis_tables(document: DiagnosisDocument) -> Group:
         for row, h in enumerate(document.horizons)
     ]
     title = "closed loop on held-out blocks, NMSE × 10³"
-    lost = ", ".join(f"{100.0 * h.lost:.2g} % at {h.horizon_s:g} s" for h in document.horizons if h.lost)
+    lost = _lost_shares({h.horizon_s: h.lost for h in document.horizons})
     note = f"left out, where predictions leave the finite numbers: {lost} of the time" if lost else ""
-    lost_free = ", ".join(f"{100.0 * h.remainder_lost:.2g} % at {h.horizon_s:g} s" for h in free if h.remainder_lost)
+    lost_free = _lost_shares({h.horizon_s: h.remainder_lost for h in free})
     note += f"{'; ' if note else ''}with free functions {lost_free}" if lost_free else ""
     parts.append(plain_table(title, ["horizon", *stages, "after/before (95 %)"], judged, note))
     if document.error_budget:
@@ -106,6 +106,11 @@ def diagnosis_tables(document: DiagnosisDocument) -> Group:
         drive = document.next_manoeuvre
         parts.append(escape(f"next: drive {drive.name} ({drive.file}): {drive.why}"))
     return Group(*parts)
+
+
+def _lost_shares(lost: Mapping[float, float | None]) -> str:
+    """Shares of the time at which predictions are lost, by horizon (s), as text; empty where none are."""
+    return ", ".join(f"{100.0 * share:.2g} % at {horizon:g} s" for horizon, share in lost.items() if share)
 
 
 def _format_decimals(value: float | None, places: int) -> str:

@@ -320,17 +320,3 @@ class CompiledModel:
         """Advance B vehicles (B, n) under `commands`, (B, N, 2) or parts (B, N, W, 4): last carries, twists."""
         after = np.array(carries, dtype=np.float64, order="C")
         return after, self.kernels.scan_many(after, self._parts(commands), *self.kernel_arguments)
-
-
-class CarByCarModel(CompiledModel):
-    """A compiled model of which many cars are advanced one after the other, by the kernel for one.
-
-    A compiled loop would have to hold the whole car once more.
-    """
-
-    def scan_many(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
-        """Advance B vehicles (B, n) under `commands`, (B, N, 2) or parts (B, N, W, 4): last carries, twists."""
-        after, parts = np.array(carries, dtype=np.float64, order="C"), self._parts(commands)
-        each = zip(after, parts, strict=True)
-        twists = [self.kernels.scan(carry, own, *self.kernel_arguments) for carry, own in each]
-        return after, np.stack(twists) if twists else np.empty((0, parts.shape[1], 3))

@@ -25,7 +25,7 @@ HELD_SD = 1e-3
 """How well, as a share, the car and its effects count as known: they stay where they are."""
 
 PARTS = 15
-"""Of a segment, over which states are averaged for the ranges of a drive: as long as a model's usual period."""
+"""Into so many parts each segment of 1.5 s is cut for the ranges of a drive: 0.1 s, a usual period of models."""
 
 
 def unnamed_part_beside(fit: Fit, take: Take) -> UnnamedPart | None:
@@ -43,7 +43,7 @@ def _find_unnamed_part(fit: Fit, take: Take) -> UnnamedPart | None:
     if not len(found.on):
         return None
     functions, quantities = found.fit.hypothesis.functions(found.fit.phi), driven_quantities(fit, take, PARTS)
-    ranges = [_widened(middle_range(quantities[name])) for name in INPUTS[:OF_THE_CAR]]
+    ranges = [_widen_range(middle_range(quantities[name])) for name in INPUTS[:OF_THE_CAR]]
     return UnnamedPart(functions.on_body, found.basis.half_waves, np.array(ranges))
 
 
@@ -61,7 +61,7 @@ def fit_beside_held_names(fit: Fit, take: Take) -> RemainderFit:
     return fit_with_remainder(start, take, explain_with_copies(start, take, basis, ()))
 
 
-def _widened(limits: tuple[float, float]) -> tuple[float, float]:
+def _widen_range(limits: tuple[float, float]) -> tuple[float, float]:
     """The range with these limits, or one of LEAST_HALF_WIDTH about its centre if it is narrower."""
     centre, half = 0.5 * sum(limits), max(0.5 * (limits[1] - limits[0]), LEAST_HALF_WIDTH)
     return centre - half, centre + half

@@ -23,7 +23,7 @@ from bcid.effects.constants import Constants
 from bcid.effects.table import ENTRIES, OFF, effect_switches
 from bcid.errors import UsageError
 from bcid.estimate.limits import LIMITS as ESTIMATE_LIMITS
-from bcid.models.interface import Arrays, CarByCarModel, FitTask, History, ScanKernels, build_scan_kernels
+from bcid.models.interface import Arrays, CompiledModel, FitTask, History, ScanKernels, build_scan_kernels
 from bcid.models.limits import LIMITS
 from bcid.models.newton_euler import augmented_step
 from bcid.models.newton_euler.model import equation_lines
@@ -76,8 +76,38 @@ class SavedAugmented(SavedPart):
         return self
 
 
+class DiagnosedCar(CompiledModel):
+    """A compiled car that a diagnosis makes; of many, one is advanced after the other by the kernel for one.
+
+    A compiled loop over cars would have to hold the whole car once more.
+    """
+
+    name: ClassVar[str]
+    setup: Any  # what the kernel needs beside carry and commands
+
+    @property
+    def kernel_arguments(self) -> tuple[Any, ...]:
+        """What the compiled scan needs beside carry and commands."""
+        return (self.setup,)
+
+    @classmethod
+    def fit(cls, task: FitTask) -> Self:
+        """Refuse to fit: effects are found by a diagnosis, not asked for.
+
+        Raises:
+            UsageError: always.
+        """
+        raise UsageError(f"{cls.name} is made by `bcid diagnose`\n  next: run it on the recording")
+
+    def scan_many(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
+        """Advance B vehicles (B, n) under `commands`, (B, N, 2) or parts (B, N, W, 4): last carries, twists."""
+        after, parts = np.array(carries, dtype=np.float64, order="C"), self._parts(commands)
+        twists = [self.kernels.scan(carry, own, self.setup) for carry, own in zip(after, parts, strict=True)]
+        return after, np.stack(twists) if twists else np.empty((0, parts.shape[1], 3))
+
+
 @dataclass(frozen=True)
-class AugmentedNewtonEuler(CarByCarModel):
+class AugmentedNewtonEuler(DiagnosedCar):
     """The Newton-Euler car with effects.
 
     In `facts`, "fitted" names the constants of the car that were refitted, and "se" holds standard errors by constant
@@ -112,15 +142,6 @@ class AugmentedNewtonEuler(CarByCarModel):
             self.car, e, self.constants, self.angle_limit, self.recording_s, self.period_s, steps, kept
         )  # fmt: skip
 
-    @classmethod
-    def fit(cls, task: FitTask) -> Self:
-        """Refuse to fit: effects are found by a diagnosis, not asked for.
-
-        Raises:
-            UsageError: always.
-        """
-        raise UsageError(f"{cls.name} is made by `bcid diagnose`\n  next: run it on the recording")
-
     def with_period(self, period_s: float) -> Self:
         """This car advancing by `period_s` (s) a step."""
         return replace(self, period_s=period_s)
@@ -140,11 +161,6 @@ class AugmentedNewtonEuler(CarByCarModel):
         state = augmented_step.initial_state(b, float(delta[first]), commands, len(parts), float(time_s[-1]), s)
         carry: Floats = augmented_step.pack_carry(state)
         return carry
-
-    @property
-    def kernel_arguments(self) -> tuple[Any, ...]:
-        """What the compiled scan needs beside carry and commands."""
-        return (self.setup,)
 
     def describe(self) -> str:
         """The car's equations and constants, refitted ones marked with *, then every effect with its parameters."""

@@ -12,15 +12,14 @@ from typing import Any, ClassVar, Self
 from bcid.aliases import Floats
 from bcid.effects.remainder_table import COEFFICIENT, INPUTS
 from bcid.effects.table import effect_switches
-from bcid.errors import UsageError
-from bcid.models.interface import Arrays, CarByCarModel, FitTask, History, ScanKernels, build_scan_kernels
+from bcid.models.interface import Arrays, History, ScanKernels, build_scan_kernels
 from bcid.models.newton_euler import remainder_step
-from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
+from bcid.models.newton_euler.augmented import AugmentedNewtonEuler, DiagnosedCar
 from bcid.models.newton_euler.unnamed_part import UnnamedPart
 
 
 @dataclass(frozen=True)
-class NewtonEulerWithRemainder(CarByCarModel):
+class NewtonEulerWithRemainder(DiagnosedCar):
     """The Newton-Euler car with effects, and functions without a name beside them."""
 
     named: AugmentedNewtonEuler
@@ -51,20 +50,6 @@ class NewtonEulerWithRemainder(CarByCarModel):
         switches = effect_switches(self.named.effects, self.unnamed.functions, self.unnamed.plan)
         whole = self.named.setup._replace(switches=switches)
         return remainder_step.RemainderSetup(self.named.setup, whole, self.unnamed.driven)
-
-    @property
-    def kernel_arguments(self) -> tuple[Any, ...]:
-        """What the compiled scan needs beside carry and commands."""
-        return (self.setup,)
-
-    @classmethod
-    def fit(cls, task: FitTask) -> Self:
-        """Refuse to fit: a diagnosis finds what has no name.
-
-        Raises:
-            UsageError: always.
-        """
-        raise UsageError(f"{cls.name} is made by `bcid diagnose`\n  next: run it on the recording")
 
     def scale_functions(self, share: float) -> Self:
         """This car with its functions at a `share` of their size."""
