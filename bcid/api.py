@@ -76,17 +76,17 @@ def read(recording: AnyPath, vehicle: AnyPath, commands: AnyPath | None = None) 
     """Read a recording of any format: poses and commands, checked and mended as `bcid ingest` does it.
 
     Args:
-        recording: its file.
+        recording: its file, or a part of it such as "take.csv[12:40]", in seconds after its first pose.
         vehicle: its vehicle file.
         commands: the commands file of a Motive export, if it is not NAME.commands.csv.
 
     Raises:
         InputRefused: a file cannot be used; the message says why and what to do.
     """
-    from bcid.recording.read import read_recording
+    from bcid.recording.cuts import read_named_recording
     from bcid.vehicle import read_vehicle
 
-    return read_recording(Path(recording), read_vehicle(Path(vehicle)), _path(commands))
+    return read_named_recording(Path(recording), read_vehicle(Path(vehicle)), _path(commands))
 
 
 def estimate_motion(
@@ -179,6 +179,7 @@ def compare(
         InputRefused: a file cannot be used, or the validation take is one that a model was fitted on.
     """
     from bcid.models.table import FITTABLE
+    from bcid.pipeline.report_stage import MODELS_ALONE
     from bcid.pipeline.run import Pipeline
 
     config = _configure(recordings, vehicle, out, pipeline)
@@ -188,7 +189,7 @@ def compare(
     if validation is not None:
         update["validation"] = Path(validation)
     work = Pipeline(config.model_copy(update=update))
-    made = work.report([Path(m) for m in asked if m not in names])
+    made = work.report([Path(m) for m in asked if m not in names], extent=MODELS_ALONE)
     return Comparison(ReportDocument.read(made.folder / "report.json"), made.folder / "index.html")
 
 
@@ -267,7 +268,14 @@ def predict(
 
 
 def export_code(
-    model: AnyPath | FittedModel, out: AnyPath, formats: Sequence[str] = (), name: str | None = None
+    model: AnyPath | FittedModel,
+    out: AnyPath,
+    formats: Sequence[str] = (),
+    name: str | None = None,
+    *,
+    as_vehicle: bool = False,
+    time_s: float | None = None,
+    force: bool = False,
 ) -> ExportDocument:
     """Write a model as code for other programs, each file run against the model before, as `bcid export` does it.
 
@@ -276,9 +284,12 @@ def export_code(
         out: the folder to write to.
         formats: such as "c" or "casadi"; none for all that are possible here.
         name: what files and functions are called; None for the model's name.
+        as_vehicle: whether effects of how poses were measured are left out.
+        time_s: the second of the recording at which effects of its time stand still; None lets them go on.
+        force: whether files that are there already are written over.
 
     Raises:
-        UsageError: there is no such format, or the name cannot be one.
+        UsageError: there is no such format, the name cannot be one, or the model's clock drifts and no time is given.
         InputRefused: a file is there already, or an export does not do what the model does.
     """
     from bcid.export.exported import export_model
@@ -289,9 +300,9 @@ def export_code(
         if one not in FORMATS:
             raise UsageError(f"there is no format {one!r}\n  next: choose of {', '.join(FORMATS)}")
     fitted = model if isinstance(model, FittedModel) else load(model)
-    exported = export_model(fitted.model, fitted.sha256, fitted.validity, name)
+    exported = export_model(fitted.model, fitted.sha256, fitted.validity, name, as_vehicle, time_s)
     possible = [one for one in FORMATS if FORMATS[one].suits(exported) and not FORMATS[one].missing_library()]
-    return write_export(exported, list(formats) or possible, Path(out), lambda path: False, lambda share, text: None)
+    return write_export(exported, list(formats) or possible, Path(out), lambda path: force, lambda share, text: None)
 
 
 def _path(given: AnyPath | None) -> Path | None:

@@ -16,6 +16,7 @@ from test_docs import blocks, command_lines
 import bcid
 from bcid.documents.report import ReportDocument
 from bcid.files.parquet import read_columns
+from bcid.pipeline.report_stage import ReportExtent
 from bcid.pipeline.run import Pipeline
 from bcid.recording.saving import POSE_UNITS
 
@@ -96,20 +97,22 @@ def test_functions_make_what_commands_make(takes: dict[str, Path], vehicle_file:
 def test_a_pipeline_file_s_models_are_compared_where_none_are_named(
     models: list[str | Path], compared: list[str], vehicle_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Saved models that are compared cost no fit of others."""
+    """Saved models that are compared cost no fit of others, no fit by another loss and no diagnosis."""
 
     class Asked(Exception):
         """What a report would compare."""
 
-    def report(work: Pipeline, saved: list[Path]) -> None:
-        raise Asked(work.config.models, saved)
+    def report(work: Pipeline, saved: list[Path], extent: ReportExtent) -> None:
+        raise Asked(work.config.models, saved, extent)
 
     monkeypatch.setattr(Pipeline, "report", report)
     pipeline = tmp_path / "pipeline.toml"
-    pipeline.write_text(f'vehicle = "{vehicle_file}"\ntraining = ["take.csv"]\nmodels = ["k-sindy"]\n')
+    pipeline.write_text(
+        f'vehicle = "{vehicle_file}"\ntraining = ["take.csv"]\nmodels = ["k-sindy"]\ndiagnose = ["take.csv"]\n'
+    )
     with pytest.raises(Asked) as asked:
         bcid.compare(models, pipeline=pipeline)
-    assert asked.value.args == (compared, [m for m in models if isinstance(m, Path)])
+    assert asked.value.args == (compared, [m for m in models if isinstance(m, Path)], (False, False))
 
 
 def test_what_is_missing_is_said(tmp_path: Path) -> None:

@@ -15,9 +15,9 @@ from typer.testing import CliRunner
 from bcid.cli.app import app
 from bcid.errors import InputRefused, UsageError
 from bcid.pipeline.config import PipelineConfig
-from bcid.pipeline.cuts import COMMAND_MARGIN_S, cut_raw_take, read_cut_recording, split_cut
 from bcid.pipeline.run import Pipeline
 from bcid.pipeline.takes import name_takes
+from bcid.recording.cuts import COMMAND_MARGIN_S, cut_raw_take, read_cut_recording, split_cut
 from bcid.recording.formats import csv_plain, mcap_contents
 from bcid.recording.formats.detect import find_commands_file
 from bcid.recording.formats.raw import TimeCut

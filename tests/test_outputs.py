@@ -249,6 +249,26 @@ def test_published_copies_are_renewed_and_nothing_else_is_replaced(tmp_path: Pat
         assert contents(home) == {"index.html": "page 1", "model/model.json": "model 1"}
 
 
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_what_an_artifact_lacks_goes_and_what_changes_its_kind_is_replaced(tmp_path: Path, kind: str) -> None:
+    """A model of what has no name lies beside one diagnosis and not beside the next."""
+    store, home = Store(tmp_path / "w"), tmp_path / "home"
+
+    def make_bare(folder: Path) -> None:
+        (folder / "index.html").write_text("page 3")
+        if kind == "file":
+            (folder / "model").write_text("one file")
+
+    first = store.get_or_make(RECIPE, make)
+    bare = store.get_or_make(Recipe("report", {"a": kind}, {}, RECIPE.code), make_bare)
+    whole = {"index.html": "page 1", "model/model.json": "model 1"}
+    left = {"index.html": "page 3"} | ({"model": "one file"} if kind == "file" else {})
+    for artifact, expected in ((first, whole), (bare, left), (first, whole), (bare, left)):
+        publish(artifact, home)
+        assert contents(home) == expected
+    assert sorted(p.name for p in home.iterdir()) == sorted(left)
+
+
 def test_an_artifact_that_somebody_edited_is_set_aside_and_told(tmp_path: Path) -> None:
     told = list[str]()
     store = Store(tmp_path, notify=told.append)

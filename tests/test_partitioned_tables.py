@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from bcid.cli.app import app
 from bcid.errors import InputRefused
 from bcid.pipeline import partitioned_tables
-from bcid.pipeline.cuts import read_cut_recording
+from bcid.recording.cuts import read_cut_recording
 from bcid.recording.formats.raw import TimeCut
 from bcid.recording.read import read_recording
 from bcid.vehicle import Vehicle

@@ -78,6 +78,7 @@ def test_scripts_are_told_what_is_not_known(lab: Path) -> None:
         ("known --from t.csv --at 3", "--from needs --vehicle"),
         ("known --from t.csv --at 3 --vehicle v.toml --state x=1", "leave --from or --state out"),
         ("known --commands c.csv --vehicle v.toml", "goes with --from"),
+        ("known --commands c.csv --from-commands c.csv", "--from-commands goes with --from"),
         ("known --commands c.csv --state speed=1", "--state: 'speed=1'"),
         ("known --commands c.csv --out c.csv --force", "would be written over"),
         ("known --commands c.csv --duration 0", "a duration"),

@@ -293,6 +293,21 @@ def test_the_command_writes_three_files_and_none_that_exists(workspace: Path, tm
         refuse_to_overwrite(view_files(out), lambda there: False)
 
 
+def test_a_cut_of_a_take_is_viewed_by_the_pipeline_file_s_car(
+    takes: dict[str, Path], vehicle_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "pipeline.toml").write_text(f'vehicle = "{vehicle_file}"\ntraining = ["none.csv"]\n')
+    monkeypatch.chdir(tmp_path)
+    bcid("view", takes["mcap"], "--out", "whole.mcap")
+    bcid("view", f"{takes['mcap']}[10:20]", "--out", "part.mcap")
+    # what is logged at one time of the whole take is logged at the same of its part
+    whole, part = (read_view(Path(name))["/bcid/measured/pose"] for name in ("whole.mcap", "part.mcap"))
+    times = [[m.log_ns for m in messages] for messages in (whole, part)]
+    assert set(times[1]) < set(times[0])
+    assert 9.0 < (times[1][-1] - times[1][0]) / 1e9 < 10.5
+    assert 9.5 < (times[1][0] - times[0][0]) / 1e9 < 10.5
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -17,18 +17,15 @@ def check_recordings(config: PipelineConfig, sink: Sink) -> None:
     """
     from bcid.cli import show
     from bcid.documents.health import HealthDocument
-    from bcid.pipeline.cuts import read_cut_recording, split_cut
     from bcid.recording.checks.health import assess_health, refused_health
-    from bcid.recording.formats.detect import find_commands_file
+    from bcid.recording.cuts import read_named_recording, without_cut
     from bcid.recording.neighbours import name_fitting_commands
 
     vehicle, healths = read_vehicle(config.vehicle), []
     for path in config.recordings():
         try:
-            file, cut = split_cut(path)
-            commands = find_commands_file(file, config.commands)
-            recording = read_cut_recording(file, vehicle, commands, config.allow_partial, cut)
-            health = assess_health(name_fitting_commands(file, recording, vehicle), vehicle)
+            recording = read_named_recording(path, vehicle, config.commands, config.allow_partial)
+            health = assess_health(name_fitting_commands(without_cut(path), recording, vehicle), vehicle)
         except InputRefused as refusal:
             health = refused_health(refusal)
         except OSError as error:

@@ -113,7 +113,7 @@ def _place_everywhere(simulation: str | None, diagnose: bool) -> str | None:
     Raises:
         UsageError: nothing is compared, or there is no such file, folder or module.
     """
-    from bcid.pipeline.cuts import without_cut
+    from bcid.recording.cuts import without_cut
 
     if simulation is None:
         return None

@@ -54,6 +54,14 @@ WorkspaceOption = Annotated[
         help="The pipeline file in whose workspace a model's name is looked up.",
     ),
 ]  # fmt: skip
+LookupOption = Annotated[
+    Path | None,
+    typer.Option(
+        "-p", "--pipeline", show_default="pipeline.toml of this folder",
+        help="The pipeline file by whose settings a recording is read, and in whose workspace a model's name is "
+        "looked up.",
+    ),
+]  # fmt: skip
 FormatOption = Annotated[Format, typer.Option("--format", help="Format of the results on stdout.")]
 RecordingsArgument = Annotated[
     list[Path] | None,

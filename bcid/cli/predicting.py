@@ -41,6 +41,12 @@ def predict(
         ),
     ] = None,
     recording: Annotated[Path | None, typer.Option("--from", help="A recording, to start from --at in it.")] = None,
+    recorded_commands: Annotated[
+        Path | None,
+        typer.Option(
+            "--from-commands", help="The commands file of --from, if it is not NAME.commands.csv.", show_default=False
+        ),
+    ] = None,
     at: Annotated[float | None, typer.Option("--at", min=0.0, help="The moment in the recording (s).")] = None,
     state: Annotated[
         str,
@@ -53,16 +59,7 @@ def predict(
     ] = None,
     out: Annotated[Path, typer.Option("--out", help="The table to write, .csv or .parquet.")] = DEFAULT_TABLE,
     vehicle: options.VehicleOption = None,
-    pipeline: Annotated[
-        Path | None,
-        typer.Option(
-            "-p",
-            "--pipeline",
-            help="The pipeline file by whose settings the recording is estimated, and in whose workspace a model's "
-            "name is looked up.",
-            show_default="pipeline.toml of this folder",
-        ),
-    ] = None,
+    pipeline: options.LookupOption = None,
     effects: options.EffectsOption = None,
     force: options.ForceOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
@@ -77,7 +74,7 @@ def predict(
 
     sink = Sink(format)
     check_ending(out)
-    _check_start(recording, at, state, sd, vehicle, pipeline)
+    _check_start(recording, recorded_commands, at, state, sd, vehicle, pipeline)
     if recording is None and commands is None:
         raise UsageError("a prediction from a state needs commands\n  next: name a file with --commands")
     given = [path.resolve() for path in (commands, recording) if path is not None]
@@ -89,7 +86,7 @@ def predict(
         fitted = load_fitted_model(find_model(model, lambda: options.workspace_of(pipeline)))
         start: State | Moment = State.parse(state, sd)
         if recording is not None and at is not None:
-            start = _estimate_moment(recording, at, vehicle, pipeline, fitted.period_s, sink)
+            start = _estimate_moment(recording, recorded_commands, at, vehicle, pipeline, fitted.period_s, sink)
         with sink.stage("predict"):
             prediction = fitted.predict_quietly(commands, start, duration)
     write_output(out, prediction.write_rows, lambda path: force, OTHER_TABLE)
@@ -102,8 +99,9 @@ def predict(
 
 
 def _check_start(
-    recording: Path | None, at: float | None, state: str, sd: str, vehicle: Path | None, pipeline: Path | None
-) -> None:
+    recording: Path | None, recorded_commands: Path | None, at: float | None, state: str, sd: str,
+    vehicle: Path | None, pipeline: Path | None,
+) -> None:  # fmt: skip
     """Raise `UsageError` unless the options say one start: a moment of a recording, or a state."""
     if (recording is None) != (at is None):
         raise UsageError("--from and --at go together\n  next: name a recording and a moment in it, in seconds")
@@ -111,19 +109,21 @@ def _check_start(
         raise UsageError("a prediction starts from a recording or from a state\n  next: leave --from or --state out")
     if recording is not None and vehicle is None and pipeline is None and options.find_pipeline_file() is None:
         raise UsageError("--from needs --vehicle VEHICLE.toml or -p PIPELINE.toml\n  next: name one of them")
-    if recording is None and vehicle:
-        raise UsageError("--vehicle goes with --from\n  next: name a recording, or leave it out")
+    for option, given in (("--vehicle", vehicle), ("--from-commands", recorded_commands)):
+        if recording is None and given:
+            raise UsageError(f"{option} goes with --from\n  next: name a recording, or leave it out")
 
 
 def _estimate_moment(
-    recording: Path, at: float, vehicle: Path | None, pipeline: Path | None, period_s: float, sink: Sink
-) -> Moment:
-    """The moment `at` (s) of a recording, whose motion is estimated every `period_s` (s)."""
+    recording: Path, commands: Path | None, at: float, vehicle: Path | None, pipeline: Path | None, period_s: float,
+    sink: Sink,
+) -> Moment:  # fmt: skip
+    """The moment `at` (s) of a recording with its `commands`, whose motion is estimated every `period_s` (s)."""
     from bcid.pipeline.single_take import estimate_take
     from bcid.prediction.start import Moment
 
     settings = pipeline if vehicle or pipeline else options.find_pipeline_file()
-    return Moment(estimate_take(recording, vehicle, settings, period_s=period_s, watcher=sink), at)
+    return Moment(estimate_take(recording, vehicle, settings, None, period_s, commands, sink), at)
 
 
 def _as_json(prediction: Prediction, out: Path) -> dict[str, Any]:

@@ -79,7 +79,7 @@ def report(
     """Compare the fitted models in closed loop on the validation recording: a page, a JSON, a table."""
     from bcid.cli.sink import Sink
     from bcid.pipeline.named_models import find_model
-    from bcid.pipeline.report_stage import ReportExtent
+    from bcid.pipeline.report_stage import MODELS_ALONE
     from bcid.pipeline.run import Pipeline
 
     sink = Sink(format)
@@ -91,7 +91,7 @@ def report(
     work = Pipeline(config, sink)
     _refuse_to_publish_over(work, asked)
     chosen = asked or _fitted_models(work, sink, all_if_none=not saved)
-    artifact = work.report(saved, chosen, ReportExtent(losses=False, diagnosis=False))
+    artifact = work.report(saved, chosen, MODELS_ALONE)
     _publish_fits(work, chosen)
     _show_report(work, sink, artifact)
 

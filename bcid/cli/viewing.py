@@ -44,7 +44,7 @@ def view(
             help="A saved model that is to predict a take: its name, or its folder.",
         ),
     ] = None,
-    pipeline: options.WorkspaceOption = None,
+    pipeline: options.LookupOption = None,
     effects: options.EffectsOption = None,
     tables: Annotated[
         Path | None, typer.Option(help="Write the results of a workspace as CSV and LaTeX to this folder, and no view.")
@@ -62,17 +62,23 @@ def view(
     from bcid.view.from_workspace import is_workspace
 
     sink, diagnosed = Sink(format), is_workspace(subject)
-    _refuse_misfits(subject, diagnosed, vehicle, take, model, tables, out, commands)
+    _refuse_misfits(subject, diagnosed, take, model, tables, out, commands)
     if tables is not None:
         _write_tables(sink, subject, tables, force)
         return
     from bcid.files.outputs import refuse_to_overwrite
     from bcid.pipeline.named_models import find_model
+    from bcid.view.from_take import view_of_take
+    from bcid.view.from_workspace import view_of_workspace
     from bcid.view.write_view import OTHER_FILE, view_files, write_view
 
     folder = None if model is None else find_model(model, lambda: options.workspace_of(pipeline))
     with sink.stage("view"), options.own_effects(effects):
-        content = _read_content(subject, diagnosed, vehicle, take, folder, commands, allow_partial)
+        if diagnosed:
+            content = view_of_workspace(subject, take, vehicle, allow_partial)
+        else:
+            vehicle = vehicle or _find_vehicle(subject, pipeline, sink)
+            content = view_of_take(subject, vehicle, folder, commands, allow_partial)
         home = subject if diagnosed else Path()
         path = out or home / VIEW_FOLDER / f"{content.recording.name}.mcap"
         refuse_to_overwrite(view_files(path), lambda there: force, OTHER_FILE)
@@ -85,35 +91,30 @@ def view(
 
 
 def _refuse_misfits(
-    subject: Path, diagnosed: bool, vehicle: Path | None, take: str | None, model: str | None, tables: Path | None,
-    out: Path | None, commands: Path | None,
+    subject: Path, diagnosed: bool, take: str | None, model: str | None, tables: Path | None, out: Path | None,
+    commands: Path | None,
 ) -> None:  # fmt: skip
     """Raise `UsageError` for options that do not go together, with what to do about it."""
     if diagnosed and (model is not None or commands is not None):
         raise UsageError("--model and --commands go with a recording\n  next: leave them out, or name a recording")
     if not diagnosed and (take is not None or tables is not None):
         raise UsageError(f"--take and --tables go with a workspace, which {subject} is not\n  next: name a workspace")
-    if not diagnosed and vehicle is None:
-        cause = f"{subject} is no workspace, and a recording needs --vehicle VEHICLE.toml"
-        raise UsageError(f"{cause}\n  next: `bcid init` writes a vehicle file")
     if tables is not None and (out is not None or take is not None):
         raise UsageError("with --tables no view is written\n  next: leave --out and --take out")
     if out is not None and out.suffix != ".mcap":
         raise UsageError(f"--out names the file to write, and {out} does not end in .mcap\n  next: name NAME.mcap")
 
 
-def _read_content(
-    subject: Path, diagnosed: bool, vehicle: Path | None, take: str | None, model: Path | None, commands: Path | None,
-    allow_partial: bool,
-) -> ViewContent:  # fmt: skip
-    """What is to be shown: of a recording, or of a workspace that was `diagnosed`."""
-    if diagnosed or vehicle is None:
-        from bcid.view.from_workspace import view_of_workspace
+def _find_vehicle(recording: Path, pipeline: Path | None, sink: Sink) -> Path:
+    """The vehicle file of the pipeline file that is named or lies in this folder, by which a recording is read.
 
-        return view_of_workspace(subject, take, vehicle, allow_partial)
-    from bcid.view.from_take import view_of_take
-
-    return view_of_take(subject, vehicle, model, commands, allow_partial)
+    Raises:
+        UsageError: there is no pipeline file.
+    """
+    if pipeline is None and not options.PIPELINE_FILE.exists():
+        cause = f"{recording} is no workspace, and a recording needs --vehicle VEHICLE.toml or a pipeline file"
+        raise UsageError(f"{cause}\n  next: `bcid init` writes both")
+    return options.read_pipeline(pipeline, sink.note).vehicle
 
 
 def _write_tables(sink: Sink, workspace: Path, folder: Path, force: bool) -> None:

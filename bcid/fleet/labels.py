@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bcid.errors import InputRefused
-from bcid.pipeline.cuts import without_cut
+from bcid.recording.cuts import without_cut
 
 DATE = re.compile(r"(?<!\d)(20\d\d)([-_.]?)(0[1-9]|1[0-2])\2(0[1-9]|[12]\d|3[01])(?:(?=\d{6}(?!\d))|(?!\d))")
 """A date with the year first, as in Take 2026-11-28 10.01.02 AM.csv and 20261128101502.mcap."""

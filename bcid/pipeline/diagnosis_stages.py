@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 
 from bcid.aliases import Progress
 from bcid.errors import InputRefused
-from bcid.pipeline.cuts import without_cut
 from bcid.pipeline.model_stages import ModelStages
 from bcid.pipeline.named_models import WITH_REMAINDER
 from bcid.pipeline.origin import origin_key, trace_origin
 from bcid.pipeline.progress import spread_rounds
 from bcid.pipeline.stage_runner import SEEN_TAKES_MODULE, NotMadeYet, StageRunner
 from bcid.pipeline.take_stages import TakeStages
+from bcid.recording.cuts import without_cut
 from bcid.store.artifact import Artifact, file_sha256
 
 

@@ -16,7 +16,7 @@ UNFINISHED = ".*.unfinished"
 def publish_copies(folder: Path, names: Sequence[str], home: Path, known: frozenset[str], force: bool = False) -> Path:
     """Replace `names`, files and folders in `home`, by copies of those of the same names in `folder`.
 
-    A file of `names` that `folder` lacks is removed from `home`.  Returns the path of the first copy.  Only one run
+    What of `names` `folder` lacks is removed from `home`.  Returns the path of the first copy.  Only one run
     at a time may call it.
 
     Raises:
@@ -71,7 +71,7 @@ def _content(home: Path, name: str) -> dict[str, str]:
 
 
 def _replace_with_copy(source: Path, target: Path) -> None:
-    """Replace the file or folder `target` by a copy of `source`; remove the file `target` where there is no `source`.
+    """Replace the file or folder `target` by a copy of `source`, or remove it where there is no `source`.
 
     If the run is killed meanwhile, `target` is the old one, the new one or absent, never a part of one.
     """
@@ -79,16 +79,15 @@ def _replace_with_copy(source: Path, target: Path) -> None:
     try:
         if source.is_dir():
             shutil.copytree(source, beside)
-            if target.exists():
-                target.replace(aside)
-            beside.replace(target)
-            shutil.rmtree(aside, ignore_errors=True)
         elif source.exists():
             shutil.copyfile(source, beside)
             flush_to_disk(beside)
+        # a file replaces a file in one step; a folder must be out of the way first
+        if target.exists() and not (target.is_file() and beside.is_file()):
+            target.replace(aside)
+        if beside.exists():
             beside.replace(target)
-        else:
-            target.unlink(missing_ok=True)
+        _remove(aside)
     except BaseException:
         _remove(beside)
         if aside.exists() and not target.exists():

@@ -28,6 +28,7 @@ class ReportExtent(NamedTuple):
 
 
 WHOLE = ReportExtent(losses=True, diagnosis=True)
+MODELS_ALONE = ReportExtent(losses=False, diagnosis=False)
 
 
 class ReportParts(NamedTuple):

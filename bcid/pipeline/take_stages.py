@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from bcid.aliases import Progress
 from bcid.errors import InputRefused, PartLost, Problem, Problems
-from bcid.pipeline.cuts import split_cut, without_cut
 from bcid.pipeline.stage_runner import StageRunner
 from bcid.pipeline.takes import name_takes, refuse_repeats
+from bcid.recording.cuts import split_cut, without_cut
 from bcid.recording.formats.detect import detect_format, find_commands_file, recording_files
 from bcid.store.artifact import Artifact, file_sha256
 

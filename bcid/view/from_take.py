@@ -9,8 +9,7 @@ from bcid.estimate.tune import tune_estimator
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import RestartedPrediction
 from bcid.models.saving import load_model, model_digest
-from bcid.recording.formats.detect import find_commands_file
-from bcid.recording.read import read_recording
+from bcid.recording.cuts import read_named_recording
 from bcid.recording.types import Recording
 from bcid.store.artifact import file_sha256
 from bcid.vehicle import Vehicle, read_vehicle
@@ -24,7 +23,7 @@ PERIOD_S, MAX_GAP_S = 0.1, 0.3
 def view_of_take(
     path: Path, vehicle_path: Path, model: Path | None = None, commands: Path | None = None, allow_partial: bool = False
 ) -> ViewContent:
-    """The view of the recording at `path`, read by the vehicle file at `vehicle_path`.
+    """The view of the recording at `path`, or of a cut of it, read by the vehicle file at `vehicle_path`.
 
     The noise of the motion's estimate is that of greatest likelihood for this recording.  The saved `model`, if any,
     predicts from the measured state anew every two seconds.
@@ -33,7 +32,7 @@ def view_of_take(
         InputRefused: recording, vehicle file or model cannot be used.
     """
     vehicle = read_vehicle(vehicle_path)
-    recording = read_recording(path, vehicle, find_commands_file(path, commands), allow_partial)
+    recording = read_named_recording(path, vehicle, commands, allow_partial)
     predictor = load_model(model) if model is not None else None
     period_s = PERIOD_S if predictor is None else predictor.period_s
     if not LIMITS.min_period_s <= period_s <= LIMITS.max_period_s:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from bcid.recording.cuts import without_cut
 from bcid.recording.formats.detect import detect_format
 from bcid.recording.formats.mcap_contents import read_contents
 from bcid.recording.formats.mcap_poses import read_pose_track
@@ -11,12 +12,13 @@ from bcid.vehicle import Vehicle
 from bcid.view.content import earliest_zero_ns
 
 
-def zero_stamp_ns(path: Path, vehicle: Vehicle, recording: Recording, allow_partial: bool = False) -> int:
-    """The stamp (ns) from which the times of `recording`, which was read from the file at `path`, count.
+def zero_stamp_ns(named: Path, vehicle: Vehicle, recording: Recording, allow_partial: bool = False) -> int:
+    """The stamp (ns) from which the times of `recording` count, which was read from the file `named` or is a cut of it.
 
     Of an MCAP file it is the stamp of the first pose, or its log time where the recording's times are log times.  Other
     files have no date: their times count from 0, or from the whole second that keeps all of them above it.
     """
+    path = without_cut(named)
     if detect_format(path) != "mcap" or vehicle.topics is None:
         return earliest_zero_ns(recording)
     topic = vehicle.topics.pose

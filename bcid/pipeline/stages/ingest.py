@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from bcid.pipeline.cuts import read_cut_recording
+from bcid.recording.cuts import read_cut_recording
 from bcid.recording.formats.raw import TimeCut
 from bcid.recording.saving import save_recording
 from bcid.vehicle import Vehicle

@@ -17,6 +17,7 @@ import numpy as np
 from bcid.aliases import Bools, Floats
 from bcid.errors import InputRefused
 from bcid.recording.assemble import assemble_recording
+from bcid.recording.formats.detect import find_commands_file
 from bcid.recording.formats.raw import RawTake, TimeCut
 from bcid.recording.read import read_raw_take
 from bcid.recording.types import Recording
@@ -58,6 +59,25 @@ def split_cut(recording: Path) -> tuple[Path, TimeCut | None]:
 def without_cut(recording: Path) -> Path:
     """The file of a recording as it is named, without the cut behind its name."""
     return split_cut(recording)[0]
+
+
+def read_named_recording(
+    named: Path, vehicle: Vehicle, commands: Path | None = None, allow_partial: bool = False
+) -> Recording:
+    """The recording that is `named`, or the part of it that a cut behind its name says, checked and mended.
+
+    Args:
+        named: the path of its file, or a cut of it such as take.csv[12:40].
+        vehicle: the car, and how its logs are to be read.
+        commands: the commands file of a Motive export or table, where it is not NAME.commands.csv.
+        allow_partial: whether parts that cannot be read are left out, noted as lost, instead of refused.
+
+    Raises:
+        InputRefused: it cannot be read or used, or the cut lies outside it.
+        UsageError: `commands` is named for an MCAP file, which holds its own.
+    """
+    file, cut = split_cut(named)
+    return read_cut_recording(file, vehicle, find_commands_file(file, commands), allow_partial, cut)
 
 
 def read_cut_recording(
