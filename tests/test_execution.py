@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from pickle import PicklingError
 from typing import Any
 
 import pytest
@@ -156,6 +157,17 @@ def test_what_cannot_be_sent_is_said() -> None:
     for call in (unsendable, unknown_elsewhere):
         with pytest.raises(RuntimeError, match="cannot be sent"):
             list(run_jobs([0], lambda n, call=call: call, 2))
+
+
+def test_a_call_that_cannot_be_sent_costs_no_process() -> None:
+    with WorkerPool(1) as pool:
+        pool.submit(0, process_number)
+        ((_, number),) = pool.next_results()
+        with pytest.raises((AttributeError, TypeError, PicklingError)):
+            pool.submit(1, lambda: 1)
+        assert pool.free == 1
+        pool.submit(2, process_number)
+        assert pool.next_results() == [(2, number)]
 
 
 @pytest.mark.parametrize(("call", "what"), [(Unreadable(), "call"), (make_unreadable, "result")])

@@ -17,15 +17,16 @@ from typing import Any
 import pytest
 from pools import FakePool
 
+from bcid.cli.fleets import _raise_what_failed
 from bcid.documents.fleet import FleetDocument, FleetLog, KeptArtifact
-from bcid.errors import InputRefused
+from bcid.errors import InputRefused, PartLost
 from bcid.execution.cluster import Cluster
 from bcid.execution.jobs import Pool
 from bcid.execution.pool import WorkerPool
 from bcid.fleet.labels import label_logs
 from bcid.fleet.logs import find_logs
 from bcid.fleet.run import run_fleet
-from bcid.fleet.tasks import FleetOrder, LogEvaluation, evaluate_on
+from bcid.fleet.tasks import FleetOrder, LogEvaluation, evaluate_on, work_on_log
 from bcid.pipeline.config import PipelineConfig, read_pipeline_file
 from bcid.pipeline.run import Pipeline
 from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
@@ -136,6 +137,30 @@ def test_logs_that_cannot_be_used_cost_the_others_nothing(
     assert [rows[n].scores[0].on for n in "abc"] == ["b", "c", "a"]
     made = artifacts(tmp_path / "work")
     assert {name: made[name] for name in one_by_one} == one_by_one
+
+
+def test_a_machine_that_sees_no_vehicle_file_costs_its_logs_only(lab: Path, logs: list[Path], tmp_path: Path) -> None:
+    order = FleetOrder(config(lab, tmp_path, vehicle=tmp_path / "gone.toml"), ("newton-euler",), diagnose=False)
+    row = work_on_log(order, logs[0], "a", waits=True)
+    assert row is not None
+    assert (row.state, row.problems[0].stage, row.problems[0].error) == ("failed", "settings", "InputRefused")
+    evaluation = evaluate_on(order, logs[0], ["newton-euler"], logs[1], "b", waits=True)
+    assert evaluation is not None
+    assert [p.error for p in evaluation.problems] == ["InputRefused"]
+
+
+def test_what_fails_of_all_logs_together_costs_none_of_them(
+    lab: Path, logs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise FloatingPointError("no number")
+
+    monkeypatch.setattr("bcid.fleet.run.diagnose_together", fail)
+    document = run(lab, lab / "single", logs[:2], WorkerPool(1))
+    assert [log.state for log in document.logs] == ["done", "done"]
+    assert [(p.stage, p.error) for p in document.problems] == [("what all logs say together", "FloatingPointError")]
+    with pytest.raises(PartLost, match="what all logs say together failed"):
+        _raise_what_failed(document)
 
 
 def test_a_locked_log_is_put_off_and_come_back_to(
@@ -290,7 +315,7 @@ def test_a_folder_s_recordings_are_told_by_their_content(lab: Path, tmp_path: Pa
     (tmp_path / "truth").mkdir()
     found = find_logs([tmp_path, tmp_path / "a.csv"])
     assert [p.name for p in found.logs] == ["a.csv", "b.recorded", "empty.mcap"]
-    assert [p.name for p in found.passed_over] == ["notes.md"]
+    assert [p.name for p in found.passed_over] == ["notes.md", "truth"]
     with pytest.raises(InputRefused, match="holds no recording"):
         find_logs([tmp_path / "truth"])
 

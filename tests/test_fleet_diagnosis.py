@@ -134,6 +134,26 @@ def test_two_effects_in_different_logs_are_both_found_each_in_its_own() -> None:
     assert not any(f.twins for f in found.values())
 
 
+@pytest.mark.parametrize("behind", [5.0, 20.0, 1000.0])
+def test_of_two_effects_in_different_logs_each_speaks_against_the_other_where_that_is_its_listed_rival(
+    behind: float,
+) -> None:
+    def sure_of(one: str, other: str) -> LogEvidence:
+        rest = {k: v for k, v in QUIET.items() if k != one}
+        return LogEvidence({one: 30.0}, rest, {(one, other): 30.0 - behind}, 64)
+
+    logs = [
+        sure_of(EFFECT, RIVAL) if 4 <= i < 8 else sure_of(RIVAL, EFFECT) if i >= 8 else log() for i in range(len(DAYS))
+    ]
+    found = {f.effect: f for f in find_occurrences(logs, DAYS, UNKNOWN_CARS)}
+    assert set(found) == {EFFECT, RIVAL}
+    assert not any(f.twins for f in found.values())
+    assert found[RIVAL].day == 2
+    assert [i for i, p in enumerate(found[RIVAL].in_logs) if p > 0.5] == [8, 9, 10, 11]
+    assert [i for i, p in enumerate(found[EFFECT].in_logs) if p > 0.5] == [4, 5, 6, 7]
+    assert found[RIVAL].in_logs[4:8].max() < 0.1
+
+
 def test_what_is_named_beside_something_that_only_one_log_has_counts_in_full() -> None:
     logs = fleet(log())
     for i, once in zip(HAVING, REST, strict=False):
@@ -261,6 +281,15 @@ def test_a_table_says_day_and_car(tmp_path: Path) -> None:
     labels = label_logs([tmp_path / "one.csv", tmp_path / "two.csv"], ["one", "two"], table)
     assert labels.of_logs == (LogLabel("2026-11-28", "red"), LogLabel("2026-11-29", "blue"))
     assert labels.describe() == "days 2026-11-28 (1), 2026-11-29 (1); 2 cars"
+
+
+def test_dates_of_a_table_are_the_same_day_and_in_order_however_they_are_written(tmp_path: Path) -> None:
+    table = tmp_path / "fleet.csv"
+    table.write_text("log,day\none,20261129\ntwo,2026-11-28\nthree,2026-11-29\n", encoding="utf-8")
+    names = ["one", "two", "three"]
+    labels = label_logs([tmp_path / f"{name}.csv" for name in names], names, table)
+    assert labels.days == ("2026-11-28", "2026-11-29")
+    assert [label.day for label in labels.of_logs] == ["2026-11-29", "2026-11-28", "2026-11-29"]
 
 
 def test_days_that_are_no_dates_come_in_the_order_of_the_table(tmp_path: Path) -> None:

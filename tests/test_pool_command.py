@@ -47,6 +47,12 @@ def test_loads_are_weighed_within_three_percent(summaries: list[CarSummary]) -> 
     assert (sd < 0.03).all()
 
 
+def test_what_is_said_twice_differs_once(summaries: list[CarSummary]) -> None:
+    once, twice = pool_car(summaries, ["mass"]), pool_car(summaries, ["mass", "mass"])
+    assert twice.names == ("mass",)
+    assert twice.factors([0, 2])[0] == pytest.approx(once.factors([0, 2])[0])
+
+
 def test_a_recording_s_car_has_its_load_in_its_forces(summaries: list[CarSummary]) -> None:
     pooled = pool_car(summaries, ["mass"])
     assert pooled.car_of(1).C_f / pooled.car_of(0).C_f == pytest.approx(1.0 / 1.25, rel=0.03)

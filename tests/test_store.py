@@ -222,3 +222,26 @@ def test_what_killed_runs_left_is_swept(tmp_path: Path) -> None:
     os.utime(left, (time.time() - 1e6, time.time() - 1e6))
     Store(tmp_path).get_or_make(recipe(), maker())
     assert not left.exists()
+
+
+def test_a_lock_in_use_is_not_swept_however_old_its_file_was(tmp_path: Path) -> None:
+    locks, told = tmp_path / ".unfinished", Event()
+    locks.mkdir()
+    for name in ("fit-held", "fit-left"):
+        (locks / f"{name}.lock").touch()
+        os.utime(locks / f"{name}.lock", (time.time() - 1e6, time.time() - 1e6))
+    with Store(tmp_path).exclusive_lock("fit-held"):
+        Store(tmp_path).get_or_make(recipe(), maker())
+        assert {p.stem for p in locks.glob("fit-*.lock")} >= {"fit-held"}
+        assert not (locks / "fit-left.lock").exists()
+
+        class Locked(Exception):
+            """The lock is held."""
+
+        def refuse() -> None:
+            told.set()
+            raise Locked
+
+        with pytest.raises(Locked), Store(tmp_path, refuse).exclusive_lock("fit-held"):
+            pass
+    assert told.is_set()

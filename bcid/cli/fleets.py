@@ -85,7 +85,7 @@ def fleet(
         fittable_row(name)
     sink, listed = Sink(format), find_logs(logs, labels)
     if listed.passed_over:
-        sink.note(f"no recordings, passed over: {_list_names(listed.passed_over)}")
+        sink.note(f"passed over, no recordings or further folders: {_list_names(listed.passed_over)}")
     config = options.read_config(
         pipeline, listed.logs, vehicle, out, None, allow_partial, force, ignore_health, sink.note, effects
     )
@@ -128,9 +128,9 @@ def _place_everywhere(simulation: str | None, diagnose: bool) -> str | None:
 
 
 def _list_names(paths: Sequence[Path]) -> str:
-    """The names of files, the first of them if there are many."""
+    """The names of files and folders, the first of them if there are many."""
     more = len(paths) - SHOWN_NAMES
-    return ", ".join(p.name for p in paths[:SHOWN_NAMES]) + (f" and {more} more" if more > 0 else "")
+    return ", ".join(p.name + "/" * p.is_dir() for p in paths[:SHOWN_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
 def _tables(document: FleetDocument, workspace: Path) -> RenderableType:
@@ -145,7 +145,7 @@ def _tables(document: FleetDocument, workspace: Path) -> RenderableType:
     rows = [_cells(log, document.models) for log in document.logs]
     wrong = [
         escape(f"\n{log.name}: {problem.stage}: {problem.text}") for log in document.logs for problem in log.problems
-    ]
+    ] + [escape(f"\n{problem.stage}: {problem.text}") for problem in document.problems]
     caption = f"of each log's models on the next log; artifacts of each log: {workspace / FLEET_FILE}"
     said = [escape(f"\n{sentence}") for sentence in fleet_sentences(document)]
     return Group(plain_table(document.vehicle, columns, rows, caption), *said, *wrong)
@@ -170,6 +170,6 @@ def _raise_what_failed(document: FleetDocument) -> None:
         f"{len(names)} of {len(document.logs)} logs {what}: {', '.join(names)}"
         for names, what in ((failed, "failed"), (partly, "came through in part"))
         if names
-    ]
+    ] + [f"{problem.stage} failed" for problem in document.problems]
     if told:
         raise PartLost(f"{'; '.join(told)}\n  next: mend what is told of each; what is done will be reused")

@@ -141,4 +141,5 @@ class FleetDocument(Document):
     models: tuple[str, ...]
     diagnosed: bool  # whether each log was to be diagnosed
     logs: tuple[FleetLog, ...]
-    together: FleetDiagnosis | None = None  # null where fewer than two logs were diagnosed
+    together: FleetDiagnosis | None = None  # null where fewer than two logs were diagnosed, or it failed
+    problems: tuple[LogProblem, ...] = ()  # why it failed

@@ -40,6 +40,7 @@ class Cluster:
         self.address = address
         self._client: Any = None
         self._running: dict[Any, Any] = {}
+        self._checked = set[str]()
 
     def __enter__(self) -> Self:
         """Connect to the scheduler.
@@ -80,10 +81,7 @@ class Cluster:
         self._running = {}
 
     def _check_workers(self) -> None:
-        """Refuse a cluster without workers, with several threads in one, or whose workers run another bcid.
-
-        Workers of another bcid would make other artifacts than this process.
-        """
+        """Wait for workers to be there, and refuse those that are unfit."""
         try:  # they may be starting
             self._client.wait_for_workers(1, timeout=LIMITS.connect_within_s)
         except TimeoutError:
@@ -91,36 +89,45 @@ class Cluster:
                 f"--dask {self.address}: the scheduler has no workers\n"
                 f"  next: start some with `dask worker {self.address} --nthreads 1`"
             ) from None
-        self._refuse_several_threads(self._client.nthreads())
-        digests = self._client.run(package_digest)
-        others = sorted(worker for worker, digest in digests.items() if digest != package_digest())
-        if others:
-            raise UsageError(
-                f"--dask {self.address}: {', '.join(others)} run other code of bcid than this process\n"
-                "  next: install the same version everywhere, and start the workers anew"
-            )
+        self._refuse_unfit(self._client.nthreads())
 
     @property
     def size(self) -> int:
         """How many calls can be done at the same time: the workers that are there now, of one thread each.
 
         Raises:
-            UsageError: a worker that came later has several threads.
+            UsageError: a worker that came later has several threads, or runs other code of this package.
             ClusterLost: the scheduler is gone.
         """
         with self._tell_what_is_lost():
             threads: dict[str, int] = self._client.nthreads()
-        self._refuse_several_threads(threads)
+            self._refuse_unfit(threads)
         return len(threads)
 
-    def _refuse_several_threads(self, threads: dict[str, int]) -> None:
-        """Raise a UsageError if a worker has several, in which calls would share one process."""
+    def _refuse_unfit(self, threads: dict[str, int]) -> None:
+        """Raise a UsageError if a worker that was not there before has several threads, or runs other code.
+
+        In several threads calls would share one process, and other code makes other artifacts than this process.
+        """
+        new = sorted(set(threads) - self._checked)
+        if not new:
+            return
         several = sorted(worker for worker, count in threads.items() if count > 1)
         if several:
             raise UsageError(
                 f"--dask {self.address}: {', '.join(several)}: several threads, where each log needs its own process\n"
                 f"  next: start workers with `dask worker {self.address} --nthreads 1 --nworkers N`, one for each core"
             )
+        answers = self._client.run(package_digest, workers=new, on_error="return")
+        # one that is gone again cannot be asked; any other error is that of a worker without this package
+        digests = {worker: answer for worker, answer in answers.items() if not isinstance(answer, OSError)}
+        others = sorted(worker for worker, digest in digests.items() if digest != package_digest())
+        if others:
+            raise UsageError(
+                f"--dask {self.address}: {', '.join(others)} run other code of bcid than this process\n"
+                "  next: install the same version everywhere, and start the workers anew"
+            )
+        self._checked |= set(digests)
 
     @property
     def free(self) -> int:

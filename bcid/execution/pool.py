@@ -88,6 +88,9 @@ class WorkerPool:
             worker.end()
             worker = _Worker()
             worker.connection.send(call)
+        except BaseException:  # the call cannot be sent to another process
+            self._idle.append(worker)
+            raise
         self._busy[worker] = key
 
     def next_results(self) -> list[tuple[Any, Any]]:

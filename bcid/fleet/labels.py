@@ -79,7 +79,12 @@ def _days_of_names(files: Sequence[Path]) -> list[str]:
 def _find_date(parts: Sequence[str]) -> str:
     """The date in the last of the names in a path that has one; "" if none has."""
     found = (DATE.search(part) for part in reversed(parts))
-    return next((f"{match[1]}-{match[3]}-{match[4]}" for match in found if match), "")
+    return next((_write_date(match) for match in found if match), "")
+
+
+def _write_date(match: re.Match[str]) -> str:
+    """A date that was found as YYYY-MM-DD, however it was written."""
+    return f"{match[1]}-{match[3]}-{match[4]}"
 
 
 def _read_table(table: Path) -> dict[str, LogLabel]:
@@ -117,7 +122,8 @@ def _read_line(cells: Sequence[str], columns: dict[str, int], place: str, table:
     said = {name: cells[i].strip() if i < len(cells) else "" for name, i in columns.items()}
     if not said[LOG] or not said[DAY]:
         raise InputRefused(table, place, "says no log or no day", "fill in both, or leave the line out")
-    return said[LOG], LogLabel(said[DAY], said.get(CAR, ""))
+    date = DATE.fullmatch(said[DAY])
+    return said[LOG], LogLabel(_write_date(date) if date else said[DAY], said.get(CAR, ""))
 
 
 def _find_row(

@@ -51,7 +51,19 @@ class LogEvidence:
 
     def best(self, effect: str) -> float:
         """Nats that an effect adds at most, beside the findings or in the place of one."""
-        return max(self.beside(effect), *self.in_place(effect).values(), -math.inf)
+        return max((self.beside(effect), *self.in_place(effect).values()))
+
+    def instead_of(self, effect: str) -> dict[str, float]:
+        """Nats that each other effect that is no finding adds at most where `effect` is not beside the findings."""
+        others = self.effects - {effect, *self.named}
+        return {
+            other: self.best(other) for other in others if self.are_alternatives(effect, other)
+        }  # fmt: skip
+
+    def in_place_of(self, finding: str, effect: str) -> dict[str, float]:
+        """Nats that a finding adds, and each effect but `effect` that could stand in its place."""
+        rivals = {other: nats for (out, other), nats in self.instead.items() if out == finding and other != effect}
+        return {finding: self.named[finding], **rivals}
 
     def at_size(self, nats: float, effect: str, usual: float) -> float:
         """Nats of an effect at the size that it has in other logs, of which each stretch gains `usual` by it.

@@ -17,7 +17,7 @@ RECORDING_SUFFIXES = (".mcap", ".csv", ".parquet", ".db3", ".bag")
 
 
 class FoundLogs(NamedTuple):
-    """The recordings of a fleet, and the files that were passed over since they are none."""
+    """The recordings of a fleet, and what was passed over beside them: files that are none, and folders."""
 
     logs: list[Path]
     passed_over: list[Path]
@@ -44,7 +44,7 @@ def find_logs(paths: Sequence[Path], labels: Path | None = None) -> FoundLogs:
                 path, "logs", "holds no recording", "name a folder in which recordings lie, not above it"
             )
         logs += recordings
-        passed_over += [p for p in inside if p.is_file() and p not in recordings]
+        passed_over += [p for p in inside if p not in recordings]
     return FoundLogs(list({path.absolute(): path for path in logs}.values()), passed_over)
 
 

@@ -1,27 +1,31 @@
 """Which effects a fleet of cars has, since which day, and in what share of them: the evidence of all logs together.
 
 The diagnosis of log i says by how many nats b_ie an effect e makes the log likelier; where it does not name it, and
-two others do, at the size that it has in those.  It may be wrong, in a share epsilon of logs, whatever it says.  So,
-m_ie being the largest of b_ie, zero (nothing) and what adds most in e's place in that log, it weighs e against its
-absence as
+two others do, at the size that it has in those.  It may be wrong, in a share epsilon of logs, whatever it says: an
+explanation that adds b nats, where the likeliest one adds m, has the likelihood
 
-    ln r_ie = ln((1 - epsilon) exp(b_ie - m_ie) + epsilon) - ln((1 - epsilon) exp(-m_ie) + epsilon).
+    l(b) = (1 - epsilon) exp(b - m) + epsilon.
 
-No log alone can thus show that a fleet has an effect, and one that shows another effect instead speaks against it.  An
-effect that came on day k is in a share pi of the cars since then, and in none before:
+Without e the log has, with probability q_ie, another effect of the fleet in e's place, which adds c_ie, and nothing
+otherwise.  So it weighs e against its absence as
+
+    ln r_ie = ln l(b_ie) - ln((1 - q_ie) l(0) + q_ie l(c_ie)).
+
+No log alone can thus show that a fleet has an effect, and one that shows another effect of the fleet instead speaks
+against it.  An effect that came on day k is in a share pi of the cars since then, and in none before:
 
     L_e(k, pi) = product over cars of (1 - pi + pi product over the car's logs i since k of r_ie).
 
 Where it is not known which car drove, each log is a car.  The evidence for an effect is the mean of L_e over days and
-shares, each as likely as the others; effects are found one after the other, and what one explains is no evidence for
-those that could stand in its place.  Reported are as many as leave the expected share of false ones small (the local
-false discovery rate: Efron, Large-Scale Inference, 2010, chapter 5).
+shares, each as likely as the others.  Effects are found one after the other, by the q_ie of those found before, and at
+the end each is weighed anew beside all others.  Reported are as many as leave the expected share of false ones small
+(the local false discovery rate: Efron, Large-Scale Inference, 2010, chapter 5).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -56,21 +60,40 @@ def find_occurrences(logs: Sequence[LogEvidence], days: Sequence[int], cars: Seq
     Of those that are reported a share of `LIMITS.false_share` is expected to be false.
     """
     effects = sorted(set[str]().union(*(log.effects for log in logs)))
-    groups, occurrences, expected_false = _group_logs(cars), list[Occurrence](), 0.0
-    explained = dict[str, Floats]()
-    while candidates := [name for name in effects if name not in explained]:
-        ratios = {name: _log_ratios(logs, name, explained) for name in candidates}
-        found = [_weigh(name, ratio, days, groups, len(effects)) for name, ratio in ratios.items()]
-        best = max(found, key=lambda occurrence: occurrence.nats)
-        expected_false += 1.0 - best.probability
-        if expected_false > LIMITS.false_share * (len(occurrences) + 1):
+    groups, occurrences = _group_logs(cars), list[Occurrence]()
+
+    def weigh(name: str, ratio: Floats) -> Occurrence:
+        return _weigh(name, ratio, days, groups, len(effects))
+
+    while True:
+        explained = _explain(occurrences)
+        ratios = {name: _log_ratios(logs, name, explained) for name in effects if name not in explained}
+        found = sorted((weigh(name, ratio) for name, ratio in ratios.items()), key=lambda o: -o.nats)
+        if not found or len(_limit_false([*occurrences, found[0]])) == len(occurrences):
             break
-        near = sorted((o for o in found if o.nats > best.nats - LIMITS.twin_nats), key=lambda o: -o.nats)
-        twins = tuple(o.effect for o in near if o is not best and _are_twins(logs, best, o.effect))
+        best, *rest = found
+        near = [o.effect for o in rest if o.nats > best.nats - LIMITS.twin_nats]
+        twins = tuple(name for name in near if _are_twins(logs, best, name))
         occurrences.append(best._replace(twins=twins))
-        # what cannot be told from it is not found a second time
-        explained |= dict.fromkeys((best.effect, *twins), best.in_logs)
-    return occurrences
+    anew = [
+        weigh(one.effect, _log_ratios(logs, one.effect, _explain(o for o in occurrences if o is not one)))._replace(
+            twins=one.twins
+        )
+        for one in occurrences
+    ]
+    return _limit_false(sorted(anew, key=lambda o: -o.nats))
+
+
+def _explain(occurrences: Iterable[Occurrence]) -> dict[str, Floats]:
+    """The probability (I,) that each log has one of the effects found, by it and by what cannot be told from it."""
+    return {name: one.in_logs for one in occurrences for name in (one.effect, *one.twins)}
+
+
+def _limit_false(occurrences: Sequence[Occurrence]) -> list[Occurrence]:
+    """The first of `occurrences`, as many as leave the expected share of false ones at `LIMITS.false_share`."""
+    expected_false = np.cumsum([1.0 - one.probability for one in occurrences])
+    beyond = np.flatnonzero(expected_false > LIMITS.false_share * np.arange(1, len(occurrences) + 1))
+    return list(occurrences[: beyond[0]] if len(beyond) else occurrences)
 
 
 def _group_logs(cars: Sequence[str]) -> list[Ints]:
@@ -80,14 +103,21 @@ def _group_logs(cars: Sequence[str]) -> list[Ints]:
 
 
 def _are_twins(logs: Sequence[LogEvidence], found: Occurrence, other: str) -> bool:
-    """Whether most logs that have the effect that was `found` show it or the `other`, and not both."""
+    """Whether most logs that have the effect that was `found` cannot tell it from the `other`, and do not show both."""
     having = [log for log, p in zip(logs, found.in_logs.tolist(), strict=True) if p > PRESENT]
-    alternatives = sum(log.are_alternatives(found.effect, other) for log in having)
-    return alternatives > 0.5 * len(having)
+    alike = [
+        log.are_alternatives(found.effect, other)
+        and abs(log.best(found.effect) - log.best(other)) < LIMITS.twin_nats
+        for log in having
+    ]  # fmt: skip
+    return sum(alike) > 0.5 * len(having)
 
 
 def _log_ratios(logs: Sequence[LogEvidence], effect: str, explained: Mapping[str, Floats]) -> Floats:
-    """The ln r_ie (I,) of an effect, less what effects found have `explained`; zero where a log cannot say."""
+    """The ln r_ie (I,) of an effect; zero where a log cannot say.
+
+    `explained` is the probability (I,) that each log has each of the other effects that were found.
+    """
     usual = _usual_nats(logs, effect)
     return np.array([
         _log_ratio(log, effect, usual, {name: float(p[i]) for name, p in explained.items()})
@@ -103,35 +133,33 @@ def _usual_nats(logs: Sequence[LogEvidence], effect: str) -> float | None:
 
 
 def _log_ratio(log: LogEvidence, effect: str, usual: float | None, explained: Mapping[str, float]) -> float:
-    """The ln r_ie of one log: of the effect beside its findings, or in the place of one, whichever says more.
+    """The ln r_ie of one log: of the effect beside its findings, or in the place of one, whichever says more."""
+    ways = [(log.beside(effect), log.instead_of(effect))]
+    ways += [(nats, log.in_place_of(finding, effect)) for finding, nats in log.in_place(effect).items()]
+    ratios = list[float]()
+    for nats, instead in ways:
+        if math.isfinite(nats):
+            at_usual = nats if usual is None or effect in log.named else log.at_size(nats, effect, usual)
+            ratios.append(_weigh_against(at_usual, instead, explained))
+    return max(ratios, default=0.0)
 
-    `explained` is the probability that the log has each of the effects that were found.
+
+def _weigh_against(nats: float, instead: Mapping[str, float], explained: Mapping[str, float]) -> float:
+    """The log odds that a diagnosis gives to what adds `nats`, where other effects would add what is in `instead`.
+
+    `explained` is the probability that the log has each of the effects that were found before.
     """
-    beside = max((p for name, p in explained.items() if _stand_for_each_other(log, name, effect)), default=0.0)
-    ways = [(log.beside(effect), 1.0 - beside)]
-    ways += [(nats, 1.0 - explained.get(finding, 0.0)) for finding, nats in log.in_place(effect).items()]
-    instead = [log.best(other) for other in log.effects if other != effect and log.are_alternatives(effect, other)]
-    found = -math.inf
-    for nats, unexplained in ways:
-        if not math.isfinite(nats):
-            continue
-        at_usual = nats if usual is None or effect in log.named else log.at_size(nats, effect, usual)
-        found = max(found, unexplained * _weigh_against(at_usual, max([0.0, at_usual, *instead])))
-    return found if math.isfinite(found) else 0.0
+    most = max(0.0, nats, *instead.values())
 
+    def log_likelihood(added: float) -> float:
+        return float(np.logaddexp(math.log1p(-LIMITS.wrong_log_rate) + added - most, math.log(LIMITS.wrong_log_rate)))
 
-def _stand_for_each_other(log: LogEvidence, found: str, effect: str) -> bool:
-    """Whether what a log says of an effect beside its findings is explained where it has another that was `found`.
-
-    Where it names that, the effect is weighed beside it.
-    """
-    return found not in log.named and log.are_alternatives(found, effect)
-
-
-def _weigh_against(nats: float, most: float) -> float:
-    """The log odds that a diagnosis gives to what adds `nats`, where the likeliest explanation adds `most`."""
-    right, wrong = math.log1p(-LIMITS.wrong_log_rate), math.log(LIMITS.wrong_log_rate)
-    return float(np.logaddexp(right + nats - most, wrong) - np.logaddexp(right - most, wrong))
+    known = max((name for name in instead if name in explained), key=lambda name: explained[name], default=None)
+    q = 0.0 if known is None else explained[known]
+    absent = np.log1p(-q) + log_likelihood(0.0) if q < 1.0 else -math.inf
+    if known is not None and q > 0.0:
+        absent = np.logaddexp(absent, math.log(q) + log_likelihood(instead[known]))
+    return log_likelihood(nats) - float(absent)
 
 
 def _weigh(effect: str, ratio: Floats, days: Sequence[int], groups: Sequence[Ints], effects: int) -> Occurrence:

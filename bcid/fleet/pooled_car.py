@@ -102,6 +102,7 @@ def pool_car(summaries: Sequence[CarSummary], names: Sequence[str]) -> PooledCar
     """
     if unknown := [name for name in names if name not in OWN]:
         raise UsageError(f"nothing that differs is called {', '.join(unknown)}\n  next: name some of {', '.join(OWN)}")
+    names = tuple(dict.fromkeys(names))  # what is said twice differs once
     if len(summaries) < 2:
         raise UsageError("one recording has nothing to be pooled with\n  next: name more recordings of the car")
     symbols = summaries[0].symbols
@@ -112,7 +113,7 @@ def pool_car(summaries: Sequence[CarSummary], names: Sequence[str]) -> PooledCar
     columns = np.column_stack([*(_direction(symbols, name, mean) for name in names), np.diag(scale)])
     spread = np.array([FIRST_SPREAD] * len(names) + [FIRST_SCATTER] * len(symbols))
     pooled = pool([each.summary for each in summaries], columns, spread)
-    return PooledCar(symbols, summaries[0].car, tuple(names), pooled, columns)
+    return PooledCar(symbols, summaries[0].car, names, pooled, columns)
 
 
 def _direction(symbols: Sequence[str], name: str, phi: Floats) -> Floats:

@@ -17,11 +17,12 @@ from bcid.documents.fleet import FleetDocument, FleetLog, LogProblem
 from bcid.execution.jobs import Pool, ProcessLost, run_jobs_in
 from bcid.fleet.labels import FleetLabels
 from bcid.fleet.limits import LIMITS
-from bcid.fleet.tasks import FleetOrder, LogEvaluation, evaluate_on, state_of, work_on_log
+from bcid.fleet.tasks import FleetOrder, LogEvaluation, attempt, evaluate_on, state_of, work_on_log
 from bcid.fleet.together import DiagnosedLog, diagnose_together
 from bcid.pipeline.takes import name_takes
 
 LOST = "its process died each time that it was tried: out of memory, or killed"
+TOGETHER = "what all logs say together"
 FEWER_JOBS = "give it fewer --jobs (or each machine of a cluster fewer workers), or look into the system's log"
 
 
@@ -41,16 +42,16 @@ def run_fleet(
 
     The models of each log are evaluated on the next one that can be used, those of the last one on the first; what the
     diagnoses of all say together goes by the days and cars of their `labels`.
-    Nothing that goes wrong with a log is raised: its row says it.
+    Nothing that goes wrong with a log is raised: its row says it; nor what goes wrong with all of them together.
     """
     fleet = _Fleet(order, logs, labels)
     for job, result in run_jobs_in(pool, fleet.jobs(), fleet.prepare, _lost):
         fleet.take_over(job, result)
         progress(fleet.share_done(), fleet.describe_progress(job))
+    together, problems = attempt(TOGETHER, lambda: diagnose_together(fleet.diagnosed_logs(), labels.days))
     return FleetDocument(
         vehicle=vehicle, models=order.models, diagnosed=order.diagnose,
-        logs=tuple(fleet.row_of(number) for number in range(len(logs))),
-        together=diagnose_together(fleet.diagnosed_logs(), labels.days),
+        logs=tuple(fleet.row_of(number) for number in range(len(logs))), together=together, problems=tuple(problems),
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.fleet import FleetLog, KeptArtifact, LogProblem, LogScore, LogState, LogVerdict
@@ -69,7 +69,15 @@ def work_on_log(order: FleetOrder, log: Path, name: str, waits: bool) -> FleetLo
 
     Where another process is at work on the log, it is waited for if `waits`, and None is returned otherwise.
     """
-    return _finish(lambda watcher: _LogWork(order, log, watcher).run(name), waits)
+
+    def work(watcher: Watcher) -> FleetLog:
+        # the vehicle file is read anew, which another machine may not see
+        begun, problems = attempt("settings", lambda: _LogWork(order, log, watcher))
+        return (
+            begun.run(name) if begun else FleetLog(name=name, file=str(log), state="failed", problems=tuple(problems))
+        )
+
+    return _finish(work, waits)
 
 
 def evaluate_on(
@@ -91,8 +99,10 @@ def _evaluate(
     order: FleetOrder, log: Path, models: Sequence[str], unseen: Path, unseen_name: str, watcher: Watcher
 ) -> LogEvaluation:
     """Scores of the models that were fitted to `log` on the log `unseen`, and why any has none."""
-    work = Pipeline(order.config_of(log, unseen), watcher)
-    artifacts, scores, problems = list[KeptArtifact](), list[LogScore](), list[LogProblem]()
+    work, problems = attempt("evaluate", lambda: Pipeline(order.config_of(log, unseen), watcher))
+    if work is None:
+        return LogEvaluation(problems=tuple(problems))
+    artifacts, scores = list[KeptArtifact](), list[LogScore]()
 
     def evaluate(model: str) -> None:
         compared = work.fit_for_comparison(model)
@@ -101,7 +111,7 @@ def _evaluate(
         scores.append(LogScore(model=model, on=unseen_name, nmse=score.nmse, nmse_ci95=score.nmse_ci95))
 
     for model in models:
-        problems += _problem_of(f"evaluate {model}", partial(evaluate, model))
+        problems += attempt(f"evaluate {model}", partial(evaluate, model)).problems
     return LogEvaluation(tuple(artifacts), tuple(scores), tuple(problems))
 
 
@@ -134,7 +144,7 @@ class _LogWork:
 
     def _does(self, stage: str, step: Callable[[], None]) -> bool:
         """Do a step and say whether it went well; if not, why is remembered."""
-        problems = _problem_of(stage, step)
+        problems = attempt(stage, step).problems
         self.problems += problems
         return not problems
 
@@ -182,15 +192,21 @@ def state_of(row: FleetLog) -> LogState:
     return "partly" if row.has("fit") or row.has("diagnose") else "failed"
 
 
-def _problem_of(stage: str, step: Callable[[], None]) -> list[LogProblem]:
-    """What goes wrong in a step: [] or one problem; a lock is none, as it is come back to."""
+class Attempt(NamedTuple, Generic[Result]):
+    """What a step gave, or None and why it failed."""
+
+    result: Result | None
+    problems: list[LogProblem]
+
+
+def attempt(stage: str, step: Callable[[], Result]) -> Attempt[Result]:
+    """Do a step whose failure must not end the others; a lock is no failure, as it is come back to."""
     try:
-        step()
+        return Attempt(step(), [])
     except TakeLocked:
         raise
     except Exception as error:  # whatever one log does to the program, the others go on
-        return [LogProblem(stage=stage, error=type(error).__name__, text=_describe(error))]
-    return []
+        return Attempt(None, [LogProblem(stage=stage, error=type(error).__name__, text=_describe(error))])
 
 
 def _describe(error: Exception) -> str:

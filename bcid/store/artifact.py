@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import shutil
 import tempfile
 import time
@@ -91,7 +92,7 @@ class Store:
         `notify` is called with a sentence where an artifact is set aside that is no longer as it was written.
         """
         self.workspace = workspace
-        self._waiting, self._notify = notify_waiting, notify
+        self._waiting, self._notify, self._tidied = notify_waiting, notify, False
 
     def get_or_make(self, recipe: Recipe, make: Callable[[Path], None]) -> Artifact:
         """Return the artifact of `recipe`, made by `make(folder)` unless it is there with every file as it was written.
@@ -126,11 +127,16 @@ class Store:
         with explain_write_errors(self.workspace, OTHER_WORKSPACE):
             unfinished.mkdir(parents=True, exist_ok=True)
             lock = FileLock(unfinished / f"{name}.lock")
-            try:
-                lock.acquire(timeout=LOCK_NOTICE_S)
-            except Timeout:
-                self._waiting()
-                lock.acquire()
+            while not lock.is_locked:
+                try:
+                    lock.acquire(timeout=LOCK_NOTICE_S)
+                except Timeout:
+                    self._waiting()
+                    lock.acquire()
+                try:
+                    os.utime(lock.lock_file)  # in use, it is none that a killed run left behind
+                except FileNotFoundError:  # it was removed as one just before, and locks nothing
+                    lock.release()
         try:
             yield
         finally:
@@ -139,7 +145,9 @@ class Store:
     def _make_artifact(self, recipe: Recipe, make: Callable[[Path], None], folder: Path) -> None:
         """Make an artifact in a working folder, write its manifest, and move it to `folder`."""
         unfinished = self.workspace / _UNFINISHED
-        _remove_stale_work(unfinished)
+        if not self._tidied:  # once, as every artifact of an archive has a lock file
+            _remove_stale_work(unfinished)
+            self._tidied = True
         with explain_write_errors(self.workspace, OTHER_WORKSPACE):
             work = Path(tempfile.mkdtemp(prefix=f"{recipe.stage}-", dir=unfinished))
         try:
