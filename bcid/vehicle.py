@@ -61,8 +61,10 @@ class Body(Settings):
     rear_track_m: Annotated[Positive, _within(LIMITS.min_track_m, LIMITS.max_track_m, "m")] | None = None
 
     @model_validator(mode="after")
-    def _check_size(self) -> Body:
-        """Refuse a wheelbase that no car has, and a mass that no car of this wheelbase has."""
+    def _check_body(self) -> Body:
+        """Refuse a wheelbase that no car has, a mass that no car of it has, and a share of no all-wheel drive."""
+        if self.front_drive_share is not None and self.drive != "all":
+            raise PydanticCustomError("drive", 'front_drive_share goes with drive = "all"')
         wheelbase_m = self.wheelbase_m
         _refuse_beyond(
             wheelbase_m, LIMITS.min_wheelbase_m, LIMITS.max_wheelbase_m, "m", "cog_to_front_m + cog_to_rear_m, "
@@ -201,9 +203,9 @@ class Vehicle(Settings):
 
     @property
     def front_share(self) -> float:
-        """Share of motor force and drag at the front axle, in [0, 1]."""
-        if self.body.front_drive_share is not None and self.body.drive == "all":
-            return self.body.front_drive_share
+        """Share of motor force and drag at the front axle, in [0, 1]: a half of all-wheel drive unless it is stated."""
+        if self.body.drive == "all":
+            return 0.5 if self.body.front_drive_share is None else self.body.front_drive_share
         return 1.0 if self.body.drive == "front" else 0.0
 
     @property

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import typer
 from catalogue.table import catalogue_table, counts_told, faults_table, kills_told
@@ -24,6 +25,7 @@ from docs_tables import (
 )
 from exported_models import MODELS
 
+from bcid.aliases import Floats
 from bcid.bench.limits import ACCURACY
 from bcid.cli.app import app
 from bcid.diagnosis.limits import DECIDING_LIMITS
@@ -32,6 +34,7 @@ from bcid.documents.varied_limits import VariedLimitsDocument
 from bcid.models.saving import save_model
 from bcid.proof.blind.limit_panel import EXAMPLE_TIER
 from bcid.report.formats import format_thousandths
+from bcid.vehicle import Vehicle
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -306,8 +309,19 @@ def test_the_readme_s_trust_is_what_was_counted() -> None:
         assert f"{sum(bool(row['right']) for row in of_tier)} of {len(of_tier)} {words}" in readme
 
 
+def times_the_former(swaps: list[dict[str, Any]], name: str) -> Floats:
+    """How many times its former error each swap has from 20 s after the change on, which comes at 120 s."""
+    ratios = []
+    for swap in swaps:
+        since, errors = np.array(swap["begin_s"]) - 120.0, np.array(swap[name]["errors_m"])
+        after, before = (errors[rows] for rows in (since >= 20.0, (since >= 5.0 - 120.0) & (since < -2.0)))
+        ratios.append(np.sqrt(np.mean(after**2) / np.mean(before**2)))
+    return np.array(ratios)
+
+
 def test_the_docs_of_adapting_and_pooling_are_what_was_measured() -> None:
-    figures = json.loads((DOCS / "results" / "adaptation.json").read_text(encoding="utf-8"))["figures"]
+    measured = json.loads((DOCS / "results" / "adaptation.json").read_text(encoding="utf-8"))
+    figures, swaps = measured["figures"], measured["swaps"]
     text = (DOCS / "adaptation.md").read_text(encoding="utf-8")
     alone, both = figures["mass"], figures["mass+F_r_max"]
     for errors in (figures["frozen_m"], alone["errors_m"], both["errors_m"]):
@@ -321,6 +335,10 @@ def test_the_docs_of_adapting_and_pooling_are_what_was_measured() -> None:
     ):
         assert said.format(a, b, c) in text
     right, right_both = (f["share_of_moments_with_right_mass"] for f in (alone, both))
+    single, single_both = (times_the_former(swaps, name) for name in ("mass", "mass+F_r_max"))
+    assert f"taken one by one {np.sum(single_both <= 1.2)} of {len(swaps)} reach it" in text
+    assert f"(the worst has {single_both.max():.2f} times), with `mass` alone {np.sum(single <= 1.2)}." in text
+    assert f"{100 * alone['errors_m'][0]:.1f} against {100 * figures['frozen_m'][0]:.1f} cm" in text
     said = "in {:.1%} of the moments of the median drive ({:.1%} in the worst); with `F_r_max` in {:.1%} ({:.1%})"
     shares = (right["median"], right["least"], right_both["median"], right_both["least"])
     assert said.format(*shares).replace("%", " %") in text
@@ -450,3 +468,15 @@ def test_the_page_of_effects_is_what_the_command_makes() -> None:
     assert page == effects_page(list(EFFECTS.values())) + "\n"
     for effect in EFFECTS.values():
         assert f"`{effect.id}`" in page
+
+
+def test_the_docs_of_the_vehicle_file_have_every_key_and_table() -> None:
+    text = (DOCS / "vehicle.md").read_text(encoding="utf-8")
+    for table, field in Vehicle.model_fields.items():
+        if table == "name":
+            continue
+        assert f"`[{table}]`" in text
+        if table not in ("topics", "columns", "commands"):  # formats.md has these
+            assert field.annotation is not None
+            missing = [key for key in field.annotation.model_fields if f"`{key}`" not in text]
+            assert not missing, f"[{table}]: {missing}"

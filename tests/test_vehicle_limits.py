@@ -96,3 +96,21 @@ def test_a_motor_may_reverse() -> None:
     car = {"name": "car", "body": CARS["1:10"], "steering": {"max_angle_rad": 0.5}}
     assert not Vehicle.model_validate(car).motor.reverses
     assert Vehicle.model_validate({**car, "motor": {"reverses": True}}).motor.reverses
+
+
+@pytest.mark.parametrize(
+    ("drive", "stated", "share"),
+    [("front", None, 1.0), ("rear", None, 0.0), ("all", None, 0.5), ("all", 0.3, 0.3)],
+)
+def test_half_of_an_all_wheel_drive_s_force_is_at_the_front_unless_it_is_stated(
+    drive: str, stated: float | None, share: float
+) -> None:
+    body = {"cog_to_front_m": 0.16, "cog_to_rear_m": 0.15, "drive": drive, "front_drive_share": stated}
+    car = Vehicle.model_validate({"name": "car", "body": body, "steering": {"max_angle_rad": 0.4}})
+    assert car.front_share == share
+
+
+def test_a_share_of_no_all_wheel_drive_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, "body", "front_drive_share", 0.3)
+    with pytest.raises(InputRefused, match='front_drive_share goes with drive = "all"'):
+        read_vehicle(path)

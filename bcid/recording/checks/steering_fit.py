@@ -83,10 +83,8 @@ def systematic_delay_s(data: TurningData, T_s: float, known: bool) -> float:
 def car_at(theta: Floats, vehicle: Vehicle) -> SingleTrack:
     """The single-track car of the parameters `theta`, with the axles and drive of the vehicle file."""
     value = dict(zip(NAMES, np.where(LINEAR, theta, np.exp(np.where(LINEAR, 0.0, theta))).tolist(), strict=True))
-    body = vehicle.body
-    share = 0.5 if body.drive == "all" and body.front_drive_share is None else vehicle.front_share
     return SingleTrack(
-        body.cog_to_front_m, body.cog_to_rear_m, share,
+        vehicle.body.cog_to_front_m, vehicle.body.cog_to_rear_m, vehicle.front_share,
         *(value[n] for n in ("c_f", "c_r", "g_f", "g_r", "j", "v_0", "gain_left", "gain_right", "trim")),
     )  # fmt: skip
 
