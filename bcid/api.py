@@ -290,7 +290,8 @@ def export_code(
 
     Raises:
         UsageError: there is no such format, the name cannot be one, or the model's clock drifts and no time is given.
-        InputRefused: a file is there already, or an export does not do what the model does.
+        InputRefused: a file is there already, or no format does what the model does.
+        PartLost: a format does not do what the model does; the others are written.
     """
     from bcid.export.exported import export_model
     from bcid.export.formats import FORMATS
@@ -302,7 +303,9 @@ def export_code(
     fitted = model if isinstance(model, FittedModel) else load(model)
     exported = export_model(fitted.model, fitted.sha256, fitted.validity, name, as_vehicle, time_s)
     possible = [one for one in FORMATS if FORMATS[one].suits(exported) and not FORMATS[one].missing_library()]
-    return write_export(exported, list(formats) or possible, Path(out), lambda path: force, lambda share, text: None)
+    made = write_export(exported, list(formats) or possible, Path(out), lambda path: force, lambda share, text: None)
+    made.raise_if_refused()
+    return made
 
 
 def _path(given: AnyPath | None) -> Path | None:

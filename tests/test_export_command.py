@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,20 @@ from typer.testing import CliRunner
 from bcid import libraries
 from bcid.cli.app import app
 from bcid.documents.export import ExportDocument
-from bcid.errors import InputRefused, UsageError
+from bcid.errors import InputRefused, PartLost, UsageError
+from bcid.evaluation.process_noise import ProcessNoise
+from bcid.evaluation.validity import DataRange, ModelValidity
 from bcid.export import check
-from bcid.export.check import NO_COMPILER, check_c, compile_c, find_compiler, run_program
-from bcid.export.exported import export_model
+from bcid.export.check import NO_COMPILER, Checked, check_c, compile_c, find_compiler, run_program
+from bcid.export.exported import Exported, export_model
+from bcid.export.formats import FORMATS
 from bcid.export.reference_drive import EXACT, STEPS
 from bcid.models.saving import save_model
+
+VALIDITY = ModelValidity(
+    ProcessNoise((0.02, 0.02, 0.02), 0.0, 2.0, 3.0),
+    DataRange((-0.5, -0.4, -1.0, -2.0, -0.3, -1.0), (2.0, 0.4, 1.0, 2.0, 0.3, 1.0)),
+)
 
 
 def run(*arguments: str) -> Any:
@@ -173,15 +182,38 @@ def test_options_that_would_change_nothing_are_refused() -> None:
 def test_what_is_exported_says_of_which_point_it_is(tmp_path: Path) -> None:
     effects = {"steering_drag__k": 20.0, "marker_offset__d_x": 0.2, "throttle_timing__tau": 0.02}
     for of_vehicle, point in ((False, "tracked point"), (True, "centre of gravity")):
-        e = export_model(augmented_car(effects), "0" * 64, None, "car", of_vehicle=of_vehicle)
+        e = export_model(augmented_car(effects), "0" * 64, VALIDITY, "car", of_vehicle=of_vehicle)
         folder = tmp_path / point.partition(" ")[0]
         document = written(e, ["c", "python", "casadi"], folder)
         assert document.point == point
         assert all(q.meaning.endswith(f"of the {point}") for q in document.twist)
         assert all(q.meaning.endswith("of the centre of gravity") for q in document.states if q.name in ("p_x", "v_y"))
+        # ranges are those of the point that was tracked
+        ranges = {q.name: (q.low, q.high) for q in document.twist}
+        assert ranges["v_y"] == ((None, None) if of_vehicle else (-0.4, 0.4))
+        assert ranges["yaw_rate"] == (-1.0, 1.0)
+        assert {(q.low, q.high) for q in document.states if q.name == "v_y"} == {(None, None)}
         for file in ("car.h", "car.py", "car_casadi.py"):
             assert f"are of the {point}" in (folder / file).read_text(encoding="utf-8")
         assert any("u_m_ago" in q.name for q in document.states) != of_vehicle
+
+
+def test_a_format_that_fails_costs_itself_and_what_needs_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(folder: Path, e: Exported) -> Checked:
+        raise InputRefused(folder / "car_casadi.py", "casadi", "does not do what the model does", "report this")
+
+    monkeypatch.setitem(FORMATS, "casadi", replace(FORMATS["casadi"], check=refuse))
+    assert FORMATS["acados"].needs == ("casadi",)
+    e = export_model(MODELS["newton-euler"], "0" * 64, None, "car")
+    document = written(e, ["python", "acados"], tmp_path / "some")
+    assert [made.format for made in document.formats] == ["python"]
+    assert set(document.refused) == {"casadi", "acados"}
+    assert {p.name for p in (tmp_path / "some").iterdir()} == {"car.py", "car_test.py", "car.json"}
+    with pytest.raises(PartLost, match=r"casadi is not written: .*does not do what the model does"):
+        document.raise_if_refused()
+    with pytest.raises(InputRefused, match="does not do what the model does"):
+        written(e, ["casadi"], tmp_path / "none")
+    assert not (tmp_path / "none").exists()
 
 
 def test_commands_say_what_they_mean_to_the_model(tmp_path: Path) -> None:

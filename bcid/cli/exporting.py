@@ -89,6 +89,7 @@ def export(
     for one in suited if everything else ():
         if library := FORMATS[one].missing_library():
             sink.note(f"{one} was left out: {library} is not installed\n  next: {install_command(library)}")
+    document.raise_if_refused()
 
 
 def _table(document: ExportDocument) -> RenderableType:

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from bcid.documents.document import Document, Part
 from bcid.documents.report import ProcessNoiseFigures
+from bcid.errors import PartLost
 
 
 class ExportedQuantity(Part):
@@ -69,4 +70,10 @@ class ExportDocument(Document):
     constants: dict[str, float]  # named in the formulas
     process_noise: ProcessNoiseFigures | None
     formats: tuple[ExportedFormat, ...]
+    refused: dict[str, str] = Field(default_factory=dict)  # formats that were asked for, and why they are not there
     vectors: ExportedVectors
+
+    def raise_if_refused(self) -> None:
+        """Raise `PartLost` where formats that were asked for are not there, with the cause of each."""
+        if self.refused:
+            raise PartLost("\n".join(f"{name} is not written: {why}" for name, why in self.refused.items()))

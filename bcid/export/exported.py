@@ -17,6 +17,8 @@ from bcid.models.interface import Model
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.with_remainder import NewtonEulerWithRemainder
 
+CENTRE_OF_GRAVITY = "centre of gravity"
+
 
 @dataclass(frozen=True)
 class Exported:
@@ -30,11 +32,12 @@ class Exported:
     validity: ModelValidity | None
     time_s: float | None
     without_measurement: bool
+    measured_otherwise: bool  # whether what was recorded is not the motion of the centre of gravity, as far as is known
 
     @property
     def point(self) -> str:
         """The point of the vehicle whose poses and twists it takes and gives."""
-        return "centre of gravity" if self.without_measurement else "tracked point"
+        return CENTRE_OF_GRAVITY if self.without_measurement else "tracked point"
 
     @property
     def commands(self) -> tuple[Variable, ...]:
@@ -79,26 +82,17 @@ def export_model(
             f"{model.name} has functions without a name, which no export writes\n"
             "  next: export the diagnosed car with names alone, in the folder `model` beside it"
         )
-    if of_vehicle:
-        model = _leave_out_measurement(model)
-    formulas = _trace_at(model, time_s)
-    vectors = drive_for_reference(model, formulas, validity and validity.range, time_s)
-    return Exported(name, model, digest, formulas, vectors, validity, time_s, of_vehicle)
-
-
-def _leave_out_measurement(model: Model) -> Model:
-    """The car itself.
-
-    Raises:
-        UsageError: no effect of `model` is one of how poses were measured.
-    """
-    alone = leave_out_measurement(model) if isinstance(model, AugmentedNewtonEuler) else None
-    if alone is None or alone == model:
+    vehicle = leave_out_measurement(model) if isinstance(model, AugmentedNewtonEuler) else model
+    measured_otherwise = vehicle is not model and vehicle != model
+    if of_vehicle and not measured_otherwise:
         raise UsageError(
             f"{model.name} has no effects of how poses were measured, which --as vehicle would leave out\n"
             "  next: leave out --as"
         )
-    return alone
+    model = vehicle if of_vehicle else model
+    formulas = _trace_at(model, time_s)
+    vectors = drive_for_reference(model, formulas, validity and validity.range, time_s)
+    return Exported(name, model, digest, formulas, vectors, validity, time_s, of_vehicle, measured_otherwise)
 
 
 def _trace_at(model: Model, time_s: float | None) -> StepFormulas:

@@ -11,10 +11,11 @@ from bcid import __version__
 from bcid.aliases import Progress
 from bcid.documents.export import ExportDocument, ExportedFormat, ExportedQuantity, ExportedStart, ExportedVectors
 from bcid.documents.report import ProcessNoiseFigures
+from bcid.errors import InputRefused
 from bcid.evaluation.validity import QUANTITIES
 from bcid.export.check import Checked
 from bcid.export.commands import steering_limit_of
-from bcid.export.exported import Exported
+from bcid.export.exported import CENTRE_OF_GRAVITY, Exported
 from bcid.export.formats import FORMATS
 from bcid.export.formulas import Variable
 from bcid.files.outputs import MayReplace, staged_outputs
@@ -25,25 +26,47 @@ def write_export(
 ) -> ExportDocument:
     """Write an export in some `formats` into `folder`, with NAME.json; returns what that holds.
 
+    A format that does not do what the model does is left out, with those that need it, and named in what is returned.
+
     Raises:
-        InputRefused: a format does not do what the model does, and nothing is written; or a file would be overwritten.
+        InputRefused: none of the formats does what the model does, or a file would be overwritten.
         DiskFull: the disk is full.
     """
-    made, chosen = [], _with_needed(formats)
+    made, refused, chosen = list[ExportedFormat](), dict[str, InputRefused](), _with_needed(formats)
     with staged_outputs(folder, may_replace) as staged:
         for i, name in enumerate(chosen):
             progress(i / len(chosen), name)
-            files = FORMATS[name].write(e)
-            for file, content in files.items():
-                (staged / file).write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
-            check = FORMATS[name].check
-            checked = check(staged, e) if check else Checked(None, "it holds no equations")
-            made.append(
-                ExportedFormat(format=name, files=tuple(files), error=checked.error, not_checked=checked.not_checked)
-            )
-        document = _describe(e, made)
+            lacking = next((refused[needed] for needed in FORMATS[name].needs if needed in refused), None)
+            try:
+                made.append(_write_format(e, name, staged, lacking))
+            except InputRefused as refusal:
+                refused[name] = refusal
+        if not made:
+            raise next(iter(refused.values()))
+        document = _describe(e, made, {name: str(refusal) for name, refusal in refused.items()})
         document.write(staged / f"{e.name}.json")
     return document
+
+
+def _write_format(e: Exported, name: str, folder: Path, lacking: InputRefused | None) -> ExportedFormat:
+    """Write the files of one format into `folder` and check them; `lacking` is why one that it needs is not there.
+
+    Raises:
+        InputRefused: it does not do what the model does, and its files are removed; or `lacking`.
+    """
+    if lacking is not None:
+        raise lacking
+    files = FORMATS[name].write(e)
+    try:
+        for file, content in files.items():
+            (folder / file).write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+        check = FORMATS[name].check
+        checked = check(folder, e) if check else Checked(None, "it holds no equations")
+    except InputRefused:
+        for file in files:
+            (folder / file).unlink(missing_ok=True)
+        raise
+    return ExportedFormat(format=name, files=tuple(files), error=checked.error, not_checked=checked.not_checked)
 
 
 def _with_needed(formats: Sequence[str]) -> list[str]:
@@ -52,8 +75,8 @@ def _with_needed(formats: Sequence[str]) -> list[str]:
     return [name for name in FORMATS if name in wanted]
 
 
-def _describe(e: Exported, made: Sequence[ExportedFormat]) -> ExportDocument:
-    """What NAME.json says of an export whose formats are `made`."""
+def _describe(e: Exported, made: Sequence[ExportedFormat], refused: dict[str, str]) -> ExportDocument:
+    """What NAME.json says of an export whose formats are `made`, and others `refused`."""
     noise = e.validity.noise if e.validity else None
     results = (*e.formulas.results, *e.formulas.first_states)
     parameters = [node for node in e.formulas.graph.nodes_for(results) if node.operation == "parameter"]
@@ -63,16 +86,22 @@ def _describe(e: Exported, made: Sequence[ExportedFormat]) -> ExportDocument:
         period_s=e.formulas.period_s, states=_quantities(e, e.formulas.states), commands=_quantities(e, e.commands),
         twist=_quantities(e, e.twist), steering_limit_rad=steering_limit_of(e.model),
         constants={node.name: float(node.value or 0.0) for node in parameters},
-        process_noise=noise and ProcessNoiseFigures(**noise._asdict()), formats=tuple(made), vectors=_vectors(e),
+        process_noise=noise and ProcessNoiseFigures(**noise._asdict()), formats=tuple(made), refused=refused,
+        vectors=_vectors(e),
     )  # fmt: skip
 
 
 def _quantities(e: Exported, quantities: Sequence[Variable]) -> tuple[ExportedQuantity, ...]:
-    """Quantities with their range over the data that the model was fitted on, where it is known."""
+    """Quantities with their range over the data that the model was fitted on, where it is known.
+
+    It is known of the point that was tracked, whose velocities are not those of a centre of gravity elsewhere.
+    """
     names = list(QUANTITIES)
     ranges = dict[str, tuple[float, float]]()
     if e.validity:
         ranges = {n: (low, high) for n, low, high in zip(names, *e.validity.range, strict=True)}
+    if e.measured_otherwise and any(CENTRE_OF_GRAVITY in q.meaning for q in quantities):
+        ranges = {n: limits for n, limits in ranges.items() if n not in ("v_x", "v_y")}
     return tuple(
         ExportedQuantity(name=q.name, unit=q.unit, meaning=q.meaning, low=low, high=high)
         for q in quantities

@@ -125,7 +125,7 @@ def next_sentences(d: DiagnosisDocument) -> list[str]:
     if d.findings or d.corrections:
         what = "all that was found" if d.findings else "its simplifications put right"
         sentences.append(
-            f"The car with {what} lies in the folder model/; bcid export model, typed beside it, writes it as code."
+            f"The car with {what} lies in the folder model/; bcid export, given that folder, writes it as code."
         )
     elif not d.unknown and not d.mismatch.detected and not stays_above_floor(d):
         sentences.append("Nothing needs to be mended: the model is as good as these measurements.")

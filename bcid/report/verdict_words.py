@@ -144,16 +144,24 @@ def _describe_finding(finding: NamedEffect, kinds: set[str]) -> str:
 
 def _describe_improvement(d: DiagnosisDocument, lead: str) -> str:
     """By how much the held-out error changes with the effects found, and what they leave; begins with `lead`."""
-    more = f"Something more is left that no named effect explains: {_describe_unknown(d.unknown)}." if d.unknown else ""
     fit = d.fit
     if fit is None or not fit.nmse_before or fit.nmse_after is None:
-        return more
+        return _describe_rest(d.unknown, in_error=True)
     text = f"{lead} the held-out {fit.horizon_s:g} s error (NMSE) {_describe_change(fit)}"
     times = fit.nmse_after / fit.nmse_floor if fit.nmse_floor else 0.0
+    more = _describe_rest(d.unknown, in_error=times >= LIMITS.above_floor)
     level = ", and stays at" if _hardly_changes(fit) else ", to"
     text += f"{level} {times:.2f} times the noise floor." if fit.nmse_floor else "."
     why = _explain_floor_distance(d) if times >= LIMITS.above_floor and not d.unknown else ""
     return " ".join(part for part in (text, _evidence_beside_error(d), why, more) if part)
+
+
+def _describe_rest(unknown: UnknownPart | None, in_error: bool) -> str:
+    """What is left beside the names, if anything; where it does not show `in_error`, what it shows in."""
+    if unknown is None:
+        return ""
+    lead = "Something more" if in_error else "Yet in the recorded poses, which show smaller differences, something more"
+    return f"{lead} is left that no named effect explains: {_describe_unknown(unknown)}."
 
 
 def _describe_change(fit: FitSummary) -> str:
@@ -236,4 +244,4 @@ def _describe_unknown(unknown: UnknownPart) -> str:
     text += f" and depends on {depends}" if depends else ""
     if unknown.form:
         return f"{text}; a short form fits it: {unknown.form}"
-    return text + (f"; free functions explain it by {unknown.gain_nats:.0f} nats" if unknown.gain_nats else "")
+    return text + (f"; over all channels free functions gain {unknown.gain_nats:.0f} nats" if unknown.gain_nats else "")
