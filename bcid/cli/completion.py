@@ -1,5 +1,6 @@
 """Words that the shell completes: names of models, effects, losses, formats; what knows them is imported only then."""
 
+import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -51,10 +52,11 @@ def complete_losses(incomplete: str) -> list[str]:
 
 
 def _complete_paths(incomplete: str) -> list[str]:
-    """Paths of files and folders that begin with `incomplete`; folders end with a slash."""
-    folder, _, begin = incomplete.rpartition("/")
-    parent = Path(folder or ("/" if incomplete.startswith("/") else "."))
+    """Paths of files and folders that begin with `incomplete`; folders end with a separator."""
+    begin = "" if incomplete.endswith((os.sep, os.altsep or os.sep)) else Path(incomplete).name
+    folder = incomplete[: len(incomplete) - len(begin)]
+    parent = Path(folder or ".")
     with suppress(OSError):
         inside = sorted(p for p in parent.iterdir() if p.name.startswith(begin) and (begin or p.name[0] != "."))
-        return [f"{incomplete[: len(incomplete) - len(begin)]}{p.name}{'/' * p.is_dir()}" for p in inside]
+        return [f"{folder}{p.name}{os.sep * p.is_dir()}" for p in inside]
     return []

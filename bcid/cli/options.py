@@ -182,14 +182,24 @@ def workspace_of(pipeline: Path | None) -> Path | None:
 
 
 def command_line() -> str:
-    """The command line as it was typed, with the program's bare name and ~ for the user's folder."""
-    home = f"{Path.home()}{os.sep}"
+    """The command line as it was typed, with the program's bare name and a short form of the user's folder."""
+    home, on_windows = f"{Path.home()}{os.sep}", os.name == "nt"
+    return " ".join(["bcid", *(quote_word(word, home, on_windows) for word in sys.argv[1:])])
 
-    def quote(word: str) -> str:
-        """One word of the line as a shell reads it."""
-        return f"~{os.sep}{shlex.quote(word.removeprefix(home))}" if word.startswith(home) else shlex.quote(word)
 
-    return " ".join(["bcid", *map(quote, sys.argv[1:])])
+def quote_word(word: str, home: str, on_windows: bool) -> str:
+    r"""One word of a command line as a shell reads it, with the user's folder `home` as ~, or as Windows writes it.
+
+    >>> quote_word("/home/me/my takes/a.csv", "/home/me/", on_windows=False)
+    "~/'my takes/a.csv'"
+    >>> print(quote_word("C:\\me\\my takes\\a.csv", "C:\\me\\", on_windows=True))
+    "%USERPROFILE%\my takes\a.csv"
+    """
+    if on_windows:
+        import subprocess
+
+        return subprocess.list2cmdline([word.replace(home, "%USERPROFILE%\\", 1) if word.startswith(home) else word])
+    return f"~/{shlex.quote(word.removeprefix(home))}" if word.startswith(home) else shlex.quote(word)
 
 
 def read_config(
