@@ -30,13 +30,17 @@ for name in sys.argv[2:]:
     print(re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1])
 """
 
-WRITERS: dict[str, Callable[[Path, int], Path]] = {
-    "motive": lambda folder, count: write_large_motive(folder / f"{count}.csv", count, 40),
-    "mcap": lambda folder, count: write_large_mcap(folder / f"{count}.mcap", count, 1500 * count),
+WRITERS: dict[str, Callable[[Path, int, int], Path]] = {
+    "motive": lambda folder, count, kB: write_large_motive(folder / f"{count}_{kB}.csv", count, 26 * kB),
+    "mcap": lambda folder, count, kB: write_large_mcap(folder / f"{count}_{kB}.mcap", count, 1000 * kB * count),
 }
-SMALL, LARGE = 6_000, 30_000  # poses; a pose comes with 1.5 kB
-MOST_BYTES_A_BYTE = 0.8
-"""Resident bytes for each byte of a file whose poses are a small part; read as text, it takes seven times its size."""
+"""Files by the number of their poses, and by how many kB of other data come with each."""
+FEW, MANY = 6_000, 60_000
+LITTLE, MUCH = 10, 20
+MOST_BYTES_A_BYTE = 0.3
+"""Resident bytes for each byte that is not the car's; read as text, a file takes seven times its size."""
+MOST_BYTES_A_POSE = 900
+"""Resident bytes for each pose of the car: some dozen numbers, and what is made of them on the way."""
 
 
 @pytest.fixture(scope="module")
@@ -46,16 +50,27 @@ def car(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+def measure_growth(car: Path, recordings: list[Path]) -> int:
+    """By how many bytes the largest resident memory of a process grows from the first of two recordings to both."""
+    command = [sys.executable, "-c", READ, str(car), *map(str, recordings)]
+    shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    return 1024 * (int(shown[1]) - int(shown[0]))
+
+
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is measured as Linux counts it")
 @pytest.mark.parametrize("kind", list(WRITERS))
 def test_memory_does_not_grow_with_what_is_not_the_cars(kind: str, car: Path, tmp_path: Path) -> None:
-    paths = [WRITERS[kind](tmp_path, count) for count in (SMALL, LARGE)]
-    command = [sys.executable, "-c", READ, str(car), *map(str, paths)]
-    shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
-    grown = 1024 * (int(shown[1]) - int(shown[0]))
+    paths = [WRITERS[kind](tmp_path, FEW, kB) for kB in (LITTLE, MUCH)]
     sizes = [path.stat().st_size for path in paths]
-    assert sizes[1] > 40e6
-    assert grown < MOST_BYTES_A_BYTE * (sizes[1] - sizes[0])
+    assert sizes[1] - sizes[0] > 50e6
+    assert measure_growth(car, paths) < MOST_BYTES_A_BYTE * (sizes[1] - sizes[0])
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is measured as Linux counts it")
+@pytest.mark.parametrize("kind", list(WRITERS))
+def test_a_pose_takes_little_memory(kind: str, car: Path, tmp_path: Path) -> None:
+    paths = [WRITERS[kind](tmp_path, count, 1) for count in (FEW, MANY)]
+    assert measure_growth(car, paths) < MOST_BYTES_A_POSE * (MANY - FEW)
 
 
 def test_a_motive_export_of_plain_numbers_may_have_any_size(
