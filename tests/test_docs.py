@@ -356,10 +356,10 @@ def test_the_docs_of_adapting_and_pooling_are_what_was_measured() -> None:
     assert pooled["pooled_better_than_mean_alone"] == pooled["fleets"]
 
 
-PAGES_OF_COMMANDS = (
-    "README.md", "docs/quickstart.md", "docs/export.md", "docs/view.md", "docs/evidence.md", "docs/own_effects.md",
-    "docs/python.md", "docs/mpc.md", "docs/adaptation.md", "docs/pooling.md", "docs/fleet.md",
-)  # fmt: skip
+PAGES_OF_COMMANDS = [
+    page.relative_to(ROOT).as_posix() for page in (ROOT / "README.md", *sorted(DOCS.glob("*.md")))
+    if "```sh\n" in page.read_text(encoding="utf-8")
+]  # fmt: skip
 
 
 def blocks(page: str, language: str) -> list[str]:
@@ -376,7 +376,10 @@ def command_lines(page: str) -> list[str]:
 
 
 @pytest.mark.parametrize("page", PAGES_OF_COMMANDS)
-def test_every_command_line_of_the_docs_is_one_that_is_accepted(page: str) -> None:
+def test_every_command_line_of_the_docs_is_one_that_is_accepted(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     lines = command_lines(page)
     assert lines
     for line in lines:
@@ -384,11 +387,19 @@ def test_every_command_line_of_the_docs_is_one_that_is_accepted(page: str) -> No
 
 
 def parse_command(line: str) -> None:
-    """Raise what the command line raises for `line`: a command, option or value that there is not."""
+    """Raise what the command line raises for `line`: a command, option or value that there is not.
+
+    Values are those that the shell would complete, in a folder without files.
+    """
     _, name, *words = shlex.split(line, comments=True)
     group: Any = typer.main.get_command(app)
     assert name in group.commands, f"no such command: {line}"
-    group.commands[name].make_context(name, words)
+    context = group.commands[name].make_context(name, words)
+    for parameter in group.commands[name].params:
+        given, known = context.params.get(parameter.name), parameter.shell_complete(context, "")
+        for value in given if isinstance(given, list | tuple) else [given]:
+            if known and isinstance(value, str) and not context.params.get("effects"):
+                assert value in {item.value for item in known}, f"no such {parameter.name}: {value}"
 
 
 @pytest.mark.parametrize(
@@ -396,9 +407,14 @@ def parse_command(line: str) -> None:
     [
         ("bcid sail away", "no such command"), ("bcid export MODEL --format c --wings", "No such option: --wings"),
         ("bcid export MODEL --output loud", "'loud' is not one of"), ("bcid export", "Missing"),
+        ("bcid export MODEL --format cassadi", "no such format: cassadi"), ("bcid plan wind --vehicle v.toml", "no such effects: wind"),
+        ("bcid fit take.csv --model newton", "no such model: newton"),
     ],
 )  # fmt: skip
-def test_a_command_line_that_is_not_accepted_would_be_found(line: str, said: str) -> None:
+def test_a_command_line_that_is_not_accepted_would_be_found(
+    line: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(Exception, match=said):
         parse_command(line)
 
