@@ -395,10 +395,11 @@ def parse_command(line: str) -> None:
     group: Any = typer.main.get_command(app)
     assert name in group.commands, f"no such command: {line}"
     context = group.commands[name].make_context(name, words)
+    own = any(isinstance(value, Path) for option, value in context.params.items() if "effects" in option)
     for parameter in group.commands[name].params:
         given, known = context.params.get(parameter.name), parameter.shell_complete(context, "")
         for value in given if isinstance(given, list | tuple) else [given]:
-            if known and isinstance(value, str) and not context.params.get("effects"):
+            if known and isinstance(value, str) and not own:
                 assert value in {item.value for item in known}, f"no such {parameter.name}: {value}"
 
 
@@ -407,7 +408,8 @@ def parse_command(line: str) -> None:
     [
         ("bcid sail away", "no such command"), ("bcid export MODEL --format c --wings", "No such option: --wings"),
         ("bcid export MODEL --output loud", "'loud' is not one of"), ("bcid export", "Missing"),
-        ("bcid export MODEL --format cassadi", "no such format: cassadi"), ("bcid plan wind --vehicle v.toml", "no such effects: wind"),
+        ("bcid export MODEL --format cassadi", "no such format: cassadi"),
+        ("bcid plan wind --vehicle v.toml", "no such effects: wind"),
         ("bcid fit take.csv --model newton", "no such model: newton"),
     ],
 )  # fmt: skip
