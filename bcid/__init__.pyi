@@ -1,5 +1,8 @@
+from bcid.adaptation.on_line import CarUnderWay as CarUnderWay
+from bcid.api import AdaptedCar as AdaptedCar
 from bcid.api import Comparison as Comparison
 from bcid.api import DiagnosedRecordings as DiagnosedRecordings
+from bcid.api import adapt as adapt
 from bcid.api import compare as compare
 from bcid.api import diagnose as diagnose
 from bcid.api import estimate_motion as estimate_motion

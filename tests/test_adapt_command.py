@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 import subprocess
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,18 +16,22 @@ from click.testing import Result
 from exported_models import CAR, k_sindy
 from typer.testing import CliRunner
 
+import bcid
 from bcid.adaptation.adapt import Adaptation, MeasuredDrive, adapt, as_adaptable, filter_drive, poses_at_rows
+from bcid.adaptation.on_line import CarUnderWay
 from bcid.adaptation.settings import FORGET_S
 from bcid.cli.app import app
 from bcid.documents.adapt import AdaptDocument
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.run import estimate_motion
 from bcid.models.newton_euler.model import NewtonEuler
-from bcid.models.saving import save_model
+from bcid.models.saving import load_model, save_model
+from bcid.recording.read import read_recording
 from bcid.recording.types import Stream
 from bcid.simulation.car import configure_simulation
 from bcid.simulation.drive import COMMAND_HZ, simulate_drive
 from bcid.simulation.samples import SampleTake, write_sample_take
+from bcid.vehicle import read_vehicle
 from bcid.virtual_lab import TUNING, record_drive, simulated_vehicle
 
 PERIOD_S = 0.05
@@ -148,3 +153,60 @@ def test_a_drive_s_first_motion_leaves_out_where_the_car_stands() -> None:
     assert [(s.start, s.stop) for s in motion.stretches()] == [(0, 20), (25, 65)]
     assert (motion.estimate.time_s == drive.estimate.time_s[40:105]).all()
     assert (motion.poses == drive.poses[40:105]).all()
+
+
+def test_on_line_the_filter_does_what_it_does_over_a_recording(folder: Path) -> None:
+    """Step by step from the recording's start, with a gap in it, as over all of it at once."""
+    vehicle = read_vehicle(folder / "vehicle.toml")
+    recording = read_recording(folder / "take.csv", vehicle)
+    estimate = estimate_motion(recording, vehicle, TUNING, PERIOD_S)
+    car = as_adaptable(load_model(folder / "model"), vehicle, estimate)
+    whole = adapt(car, ["mass", "steering_offset"], recording, estimate)
+    cut = len(estimate) // 2
+    apart = replace(estimate, segment=estimate.segment + (np.arange(len(estimate)) >= cut))
+    drive = MeasuredDrive(apart, whole.drive.poses)
+    track = filter_drive(whole.filter, whole.formulas, drive, whole.noise)
+    first = np.array([q.start for q in whole.quantities]), np.array([q.sd for q in whole.quantities])
+    unknown = replace(whole, track=whole.track._replace(values=first[0][None], sd=first[1][None]))
+    under_way = None
+    for rows in drive.stretches():
+        start = (apart.pose[rows.start], apart.twist[rows.start], float(apart.kinematic[rows.start, 3]))
+        if under_way is None:
+            under_way = CarUnderWay(unknown, *start)
+        else:
+            gap_s = float(apart.time_s[rows.start] - apart.time_s[rows.start - 1])
+            under_way.restart(start[0], gap_s, start[1], start[2])
+        for row in range(rows.start + 1, rows.stop):
+            pose = drive.poses[row]
+            under_way.step(apart.command[row - 1], None if np.isnan(pose).any() else pose)
+            np.testing.assert_allclose(under_way.values, track.values[row], rtol=1e-12)
+            np.testing.assert_allclose(under_way.sd, track.sd[row], rtol=1e-9)
+    assert under_way is not None
+    assert under_way.names == ("mass", "steering_offset")
+    assert under_way.model().car.m == pytest.approx(car.car.m * under_way.values[0])
+    assert np.hypot(*(under_way.pose - apart.pose[-1])[:2]) < 0.05
+    assert np.linalg.eigvalsh(under_way.covariance).min() > 0.0
+
+
+@pytest.mark.parametrize(
+    ("step", "said"),
+    [
+        (lambda car: car.step([0.1]), "is not a command"), (lambda car: car.step([0.1, math.nan]), "is not a command"),
+        (lambda car: car.step([0.1, 0.2], [1.0, 2.0]), "is not a pose"),
+        (lambda car: car.restart([0.0, 0.0, 0.0], -1.0), "a gap cannot last"),
+    ],
+)  # fmt: skip
+def test_what_is_no_command_or_pose_is_refused_and_changes_nothing(
+    step: Callable[[CarUnderWay], None], said: str, folder: Path
+) -> None:
+    adapted = bcid.adapt(
+        folder / "model", folder / "take.csv", vehicle=folder / "vehicle.toml", out=folder / "w", ignore_health=True
+    )
+    assert adapted.values.shape == (len(adapted.time_s), 1)
+    car = adapted.begin()
+    car.step([0.1, 0.5], [0.01, 0.0, 0.0])
+    before = car.values, car.covariance
+    with pytest.raises(UsageError, match=said):
+        step(car)
+    assert np.array_equal(car.values, before[0])
+    assert np.array_equal(car.covariance, before[1])

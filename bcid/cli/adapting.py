@@ -55,18 +55,15 @@ def adapt(
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:  # fmt: skip
     """Estimate mass, grip or other constants of a car while it drives, and write the filter that does so in C."""
-    from bcid.adaptation.adapt import adapt as adapt_model
-    from bcid.adaptation.adapt import as_adaptable
     from bcid.adaptation.recovery import errors_over_time
     from bcid.adaptation.write import DOCUMENT, TABLE, write_adaptation
     from bcid.cli.sink import Sink
-    from bcid.estimate.saving import load_estimate
     from bcid.export.names import check_name
     from bcid.files.outputs import refuse_to_overwrite, staged_outputs
-    from bcid.models.saving import load_model, model_digest
+    from bcid.models.saving import model_digest
+    from bcid.pipeline.adapted_take import adapt_over_take
     from bcid.pipeline.named_models import find_model
     from bcid.pipeline.run import Pipeline
-    from bcid.recording.saving import load_recording
 
     sink, name = Sink(format), check_name(name)
     refuse_to_overwrite(
@@ -80,12 +77,10 @@ def adapt(
     folder = find_model(model, lambda: options.workspace_of(pipeline))
     work = Pipeline(config, sink)
     work.refuse_unusable([recording])
-    taken, estimated = work.ingest(recording), work.estimate(recording)
+    work.estimate(recording)
     with sink.stage("adapt") as progress, work.runner.own_effects_of(folder):
-        estimate = load_estimate(estimated.folder)
-        car = as_adaptable(load_model(folder), work.vehicle, estimate)
         progress(0.1, "the filter")
-        adapted = adapt_model(car, quantity or ["mass"], load_recording(taken.folder), estimate, forget_s=forget)
+        adapted, car, estimate = adapt_over_take(work, recording, folder, quantity or ["mass"], forget)
         progress(0.6, "its predictions")
         errors = errors_over_time(adapted, car, estimate)
         with staged_outputs(out, lambda path: force) as staged:

@@ -1,0 +1,126 @@
+"""A car adapted on line: it is given each command and each pose as they come, and says what it knows by now."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from bcid.adaptation.adapt import Adaptation
+from bcid.adaptation.filter import Knowledge, start_filter
+from bcid.adaptation.filter_run import run_filter
+from bcid.adaptation.quantities import with_quantities
+from bcid.aliases import Floats
+from bcid.errors import UsageError
+from bcid.export.formulas import TWIST
+from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
+
+AT_REST = (0.0, 0.0, 0.0)
+POSE_STATES = ("p_x", "p_y", "theta")
+
+
+class CarUnderWay:
+    """The filter of an adaptation, under way on another drive or further on the same one.
+
+    It assumes what was tuned to the recording of the adaptation, and knows of the quantities what it did at the end.
+    """
+
+    def __init__(
+        self, adaptation: Adaptation, pose: Sequence[float] = AT_REST, twist: Sequence[float] = AT_REST,
+        delta: float = 0.0, gap_s: float = 0.0,
+    ) -> None:  # fmt: skip
+        """Begin some `gap_s` (s) after the recording's end.
+
+        `pose` (m, m, rad) and `twist` (m/s, m/s, rad/s) are of the tracked point, `delta` (rad) is the steering angle.
+
+        Raises:
+            UsageError: these are no numbers, or not as many, or the gap is below zero.
+        """
+        self.adaptation = adaptation
+        track = adaptation.track
+        self._begin(pose, twist, delta, track.values[-1], np.diag(track.sd[-1] ** 2), gap_s)
+
+    def step(self, command: Sequence[float], pose: Sequence[float] | None = None) -> None:
+        """Let a period pass in which a `command` [u_s (rad), u_m] held; `pose` is what was measured at its end, if any.
+
+        Raises:
+            UsageError: these are no numbers, or not as many.
+        """
+        measured = np.full(3, np.nan) if pose is None else _numbers(pose, 3, "a pose")
+        given = _numbers(command, 2, "a command")
+        run_filter(self.adaptation.filter, self._z, self._P, given[None], measured[None])
+
+    def restart(
+        self, pose: Sequence[float], gap_s: float, twist: Sequence[float] = AT_REST, delta: float = 0.0
+    ) -> None:
+        """Begin anew after a gap of `gap_s` (s) without poses, over which what was learnt fades.
+
+        Raises:
+            UsageError: these are no numbers, or not as many, or the gap is below zero.
+        """
+        self._begin(pose, twist, delta, self.values, self.covariance, gap_s)
+
+    def _begin(
+        self, pose: Sequence[float], twist: Sequence[float], delta: float, values: Floats, covariance: Floats,
+        gap_s: float,
+    ) -> None:  # fmt: skip
+        """Begin with quantities that had these `values` (k,) and this `covariance` (k, k) before a gap."""
+        if not 0.0 <= gap_s < math.inf:
+            raise UsageError(f"a gap cannot last {gap_s:g} s\n  next: give the time since the last pose")
+        formulas, noise, known = self.adaptation.formulas, self.adaptation.noise, Knowledge(values, covariance, gap_s)
+        start = _numbers([*pose, *twist, delta], 7, "a pose, a twist and a steering angle")
+        self._z, self._P = start_filter(formulas, noise, start[:3], start[3:6], float(start[6]), known)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The quantities that are followed."""
+        return tuple(quantity.name for quantity in self.adaptation.quantities)
+
+    @property
+    def values(self) -> Floats:
+        """The quantities (k,) as they are known now: factors, or parameters of effects in SI units."""
+        return self._z[len(self.adaptation.formulas.states) :].copy()
+
+    @property
+    def covariance(self) -> Floats:
+        """The covariance (k, k) of the quantities."""
+        n = len(self.adaptation.formulas.states)
+        return self._P[n:, n:].copy()
+
+    @property
+    def sd(self) -> Floats:
+        """The standard deviations (k,) of the quantities."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def pose(self) -> Floats:
+        """The filtered pose (3,) of the centre of gravity: x, y (m) and yaw (rad)."""
+        return self._states(POSE_STATES)
+
+    @property
+    def twist(self) -> Floats:
+        """The filtered twist (3,) of the centre of gravity: v_x, v_y (m/s) and yaw rate (rad/s)."""
+        return self._states(tuple(quantity.name for quantity in TWIST))
+
+    def _states(self, names: Sequence[str]) -> Floats:
+        """The states called `names`."""
+        states = [state.name for state in self.adaptation.formulas.states]
+        return self._z[[states.index(name) for name in names]]
+
+    def model(self) -> AugmentedNewtonEuler:
+        """The car as it is known now."""
+        quantities = self.adaptation.quantities
+        return with_quantities(self.adaptation.model, list(zip(quantities, self.values.tolist(), strict=True)))
+
+
+def _numbers(given: Sequence[float], count: int, what: str) -> Floats:
+    """So many finite numbers as an array.
+
+    Raises:
+        UsageError: they are not as many, or not finite.
+    """
+    found = np.asarray(given, float)
+    if found.shape != (count,) or not np.isfinite(found).all():
+        raise UsageError(f"{given!r} is not {what}, of {count} finite numbers\n  next: check what is given")
+    return found
