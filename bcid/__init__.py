@@ -15,8 +15,8 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "bcid.api": (
-        "AdaptedCar", "Comparison", "DiagnosedRecordings", "adapt", "compare", "diagnose", "estimate_motion", "export_code",
-        "fit", "load", "own_effects", "predict", "read",
+        "AdaptedCar", "Comparison", "DiagnosedRecordings", "adapt", "compare", "diagnose", "estimate_motion",
+        "export_code", "fit", "load", "own_effects", "predict", "read",
     ),
     "bcid.adaptation.on_line": ("CarUnderWay",),
     "bcid.prediction.fitted_model": ("FittedModel",),

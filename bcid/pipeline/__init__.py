@@ -9,6 +9,6 @@ Beside these: `watching` (who follows stages as they run), `progress` (of a diag
 where people look for them), `named_models` (saved models by name), `takes` (which take is which),
 `single_take` (the motion of one recording), `adapted_take` (a car adapted over one), `tidy_tables` and
 `partitioned_tables` (takes for other programs), `compare_runs` (is it the same car?) by `read_run` (what a run says of
-its cars), `error_budget` (what a diagnosis's error is made of), `origin`, `making_date` and `model_card` (where and when
-a result comes from), `limits` (all numbers that decide).
+its cars), `error_budget` (what a diagnosis's error is made of), `origin`, `making_date` and `model_card` (where and
+when a result comes from), `limits` (all numbers that decide).
 """
