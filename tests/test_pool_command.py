@@ -14,16 +14,20 @@ from typer.testing import CliRunner
 from bcid.cli.app import app
 from bcid.documents.pool import PoolDocument
 from bcid.effects.constants import Constants
-from bcid.errors import InputRefused, UsageError
+from bcid.errors import InputRefused, PartLost, UsageError
 from bcid.estimate.run import estimate_motion
+from bcid.estimate.types import Estimate
 from bcid.evaluation.seen_takes import load_seen_takes
-from bcid.fleet.pool_recordings import fit_recording
+from bcid.fleet import pool_recordings
+from bcid.fleet.pool_recordings import FittedRecording, fit_recording
 from bcid.fleet.pooled_car import CarSummary, pool_car, summarise_fit
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.models.saving import load_model
+from bcid.recording.types import Recording
 from bcid.simulation.car import configure_simulation
 from bcid.simulation.drive import simulate_drive
 from bcid.simulation.samples import SampleTake, write_sample_take
+from bcid.vehicle import Vehicle
 from bcid.virtual_lab import TUNING, record_drive, simulated_vehicle
 
 LOADS = (0.0, 0.25, 0.0, 0.12)
@@ -99,6 +103,35 @@ def test_the_command_writes_factors_and_the_car_of_all(tmp_path: Path, vehicle_f
     assert isinstance(CliRunner().invoke(app, words).exception, InputRefused)
     assert (tmp_path / "work" / "pool.json").read_text(encoding="utf-8") == "mine"
     refuse_over_an_edited_model(words, tmp_path / "work")
+
+
+def test_a_recording_that_cannot_be_fitted_costs_the_others_nothing(
+    tmp_path: Path, vehicle_file: Path, summaries: list[CarSummary], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is named at the end, with exit code 3; without the one that all are compared with nothing is pooled."""
+    plant, sensor = configure_simulation(True, [], 60.0)
+    takes = [write_sample_take(tmp_path, SampleTake(f"day_{i}", "motive", 20.0), plant, sensor, i) for i in range(3)]
+    known = iter([*summaries[:2], *summaries[:2]])
+
+    def fit(recording: Recording, estimate: Estimate, vehicle: Vehicle) -> FittedRecording:
+        if recording.name == "day_1":
+            raise InputRefused(recording.name, "poses", "no model can follow them", "leave it out")
+        return FittedRecording(recording.name, recording.duration_s, next(known))
+
+    monkeypatch.setattr(pool_recordings, "fit_recording", fit)
+    words = ["pool", *map(str, takes), "--vehicle", str(vehicle_file), "--out", str(tmp_path / "work"), "--jobs", "1"]
+    lost = CliRunner().invoke(app, [*words, "--ignore-health"]).exception
+    assert isinstance(lost, PartLost)
+    assert "1 of 3 recordings are not pooled" in str(lost)
+    assert "day_1: poses: no model can follow them" in str(lost)
+    found = PoolDocument.read(tmp_path / "work" / "pool.json")
+    assert [r.name for r in found.recordings] == ["day_0", "day_2"]
+    seen = load_seen_takes(tmp_path / "work" / "models" / "pooled")
+    assert seen is not None
+    assert len(seen) == 2
+    refused = CliRunner().invoke(app, [*words, "--ignore-health", "--reference", str(takes[1])]).exception
+    assert isinstance(refused, InputRefused)
+    assert PoolDocument.read(tmp_path / "work" / "pool.json") == found
 
 
 def commands_beside(take: Path) -> Path:

@@ -10,7 +10,7 @@ import typer
 
 from bcid.cli import options
 from bcid.cli.options import Format
-from bcid.errors import Problems, UsageError
+from bcid.errors import InputRefused, PartLost, Problems, UsageError
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -33,6 +33,10 @@ def pool(
         list[Path] | None,
         typer.Option("--reference", help="The recordings that all are compared with.", show_default="the first"),
     ] = None,
+    jobs: Annotated[
+        int, typer.Option(min=0, help="Recordings that are fitted at a time; 0 for as many as there are cores.")
+    ] = 0,
+    dask: options.DaskOption = None,
     pipeline: options.PipelineOption = None,
     vehicle: options.VehicleOption = None,
     out: options.OutOption = None,
@@ -44,18 +48,16 @@ def pool(
 ) -> None:  # fmt: skip
     """Fit one car to many recordings, and say how its load, motor, grip or drag differ from one to the next."""
     from bcid.cli.sink import Sink
-    from bcid.estimate.saving import load_estimate
     from bcid.evaluation.seen_takes import FILE_NAME as SEEN_TAKES
     from bcid.evaluation.seen_takes import save_seen_takes
-    from bcid.fleet.pool_recordings import describe_pool, fit_recording, save_pooled_model
+    from bcid.fleet.pool_recordings import describe_pool, fit_recordings, save_pooled_model
     from bcid.fleet.pooled_car import pool_car
     from bcid.models.saving import FILES
     from bcid.pipeline.named_models import MODEL_FILES, MODELS_FOLDER
     from bcid.pipeline.run import Pipeline
-    from bcid.recording.saving import load_recording
     from bcid.store.receipt import refuse_to_renew, renew_results
 
-    sink = Sink(format)
+    sink, workers = Sink(format), options.choose_workers(jobs, dask)
     config = options.read_config(
         pipeline, recordings, vehicle, out, commands, allow_partial, force, ignore_health, sink.note
     )
@@ -63,26 +65,30 @@ def pool(
     compared = _find_references(reference or [], paths)
     home = config.workspace / MODELS_FOLDER / MODEL
     refuse_to_renew(config.workspace, [RESULT, *(f"{MODELS_FOLDER}/{MODEL}/{file}" for file in MODEL_FILES)], force)
-    work, fitted, problems = Pipeline(config, sink), [], Problems()
+    work, problems = Pipeline(config, sink), Problems()
     for path in paths:
         # all are looked at before the first is fitted: what minutes have fitted is not thrown away for one of them
         with problems.gather_refusals():
             work.refuse_unusable([path])
     problems.raise_if_any(paths[0])
     work.takes.refuse_repeats(paths, (), "recordings", "name each drive once")
-    for path in paths:
-        with problems.gather_refusals(), sink.stage(f"fit {work.names[path]}"):
-            recording, estimate = load_recording(work.ingest(path).folder), load_estimate(work.estimate(path).folder)
-            fitted.append(fit_recording(recording, estimate, work.vehicle)._replace(name=work.names[path]))
-    problems.raise_if_any(paths[0])
+    with sink.stage(f"fit {len(paths)} recordings") as progress:
+        made = fit_recordings(work, paths, workers, progress)
+    lost = [f"{p.stage}: {p.text}" for each in made.values() for p in each.problems]
+    fitted = {path: each.result for path, each in made.items() if each.result is not None}
+    if lost and (len(fitted) < 2 or not all(path in fitted for path in compared)):
+        cause = "\n".join(["too few are left, or none to compare with", *lost])
+        raise InputRefused(paths[0], "recordings", cause, "leave out those that failed")
     with sink.stage("pool"):
-        pooled = pool_car([each.summary for each in fitted], own or ["mass"])
-        document = describe_pool(pooled, fitted, compared, work.vehicle)
+        pooled = pool_car([each.summary for each in fitted.values()], own or ["mass"])
+        document = describe_pool(
+            pooled, list(fitted.values()), [list(fitted).index(path) for path in compared], work.vehicle
+        )
     for file in MODEL_FILES:
         # with --force: what is said there of another model is not true of this one
         if file not in (FILES[0], SEEN_TAKES):
             (home / file).unlink(missing_ok=True)
-    seen = [work.takes.steps(path) for path in paths]
+    seen = [work.takes.steps(path) for path in fitted]
     writers = {
         RESULT: document.write,
         f"{MODELS_FOLDER}/{MODEL}/{FILES[0]}": lambda path: save_pooled_model(
@@ -93,17 +99,19 @@ def pool(
     renew_results(config.workspace, writers, force)
     sink.result(document.as_json(), lambda: _tables(document))
     sink.note(f"the car of all: {home}\nwritten to: {config.workspace / RESULT}")
+    if lost:
+        raise PartLost("\n".join([f"{len(lost)} of {len(paths)} recordings are not pooled", *lost]))
     work.raise_if_parts_lost()
 
 
-def _find_references(reference: Sequence[Path], paths: Sequence[Path]) -> list[int]:
-    """Indices among `paths` of the recordings that all are compared with; the first where none is named."""
-    known = {path.absolute(): i for i, path in enumerate(paths)}
+def _find_references(reference: Sequence[Path], paths: Sequence[Path]) -> list[Path]:
+    """Those among `paths` with which all recordings are compared; the first where none is named."""
+    known = {path.absolute(): path for path in paths}
     if missing := [path for path in reference if path.absolute() not in known]:
         raise UsageError(
             f"--reference names a recording that is not pooled: {missing[0]}\n  next: name it among the recordings, too"
         )
-    return list(dict.fromkeys(known[path.absolute()] for path in reference)) or [0]
+    return list(dict.fromkeys(known[path.absolute()] for path in reference)) or [paths[0]]
 
 
 def _tables(document: PoolDocument) -> RenderableType:

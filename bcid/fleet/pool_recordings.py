@@ -1,15 +1,20 @@
-"""Recordings of one car fitted one after the other, pooled, and what they say written; none stays in memory."""
+"""Recordings of one car fitted each by itself, pooled, and what they say written; none stays in memory."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from bcid.aliases import Progress
 from bcid.documents.pool import PoolDocument, PooledConstant, PooledFactor, PooledRecording
+from bcid.estimate.saving import load_estimate
 from bcid.estimate.types import Estimate
+from bcid.execution.jobs import Workers, run_jobs
+from bcid.fleet.attempts import Attempt, attempt, describe_lost_process
 from bcid.fleet.pooled_car import CarSummary, PooledCar, summarise_fit
 from bcid.likelihood.divergence import refuse_divergence
 from bcid.likelihood.hypothesis import DRAG
@@ -18,6 +23,8 @@ from bcid.models.newton_euler.initial_guess import guess_car
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.newton_euler.parameters import constant_units
 from bcid.models.saving import save_model
+from bcid.pipeline.run import Pipeline
+from bcid.recording.saving import load_recording
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
@@ -41,6 +48,32 @@ def fit_recording(recording: Recording, estimate: Estimate, vehicle: Vehicle) ->
     with refuse_divergence([recording]):
         _, _, (fit, _) = prepare_and_fit_base([recording], [estimate], hypothesis, ())
     return FittedRecording(estimate.name, recording.duration_s, summarise_fit(fit))
+
+
+def fit_recordings(
+    work: Pipeline, paths: Sequence[Path], workers: Workers, progress: Progress = lambda share, text: None
+) -> dict[Path, Attempt[FittedRecording]]:
+    """Fit the base model to each recording at `paths`, several at a time; what each gave, or why it failed."""
+    # the filter is tuned to all of them together, so that their motion is estimated here
+    folders = {path: (work.ingest(path).folder.absolute(), work.estimate(path).folder.absolute()) for path in paths}
+    made = dict[Path, Attempt[FittedRecording]]()
+
+    def prepare(path: Path) -> Callable[[], Attempt[FittedRecording]]:
+        fit = partial(_fit_saved_recording, *folders[path], work.vehicle, work.names[path])
+        return partial(attempt, f"fit {work.names[path]}", fit)
+
+    def lose(path: Path) -> Attempt[FittedRecording]:
+        return Attempt(None, [describe_lost_process(f"fit {work.names[path]}")])
+
+    for path, result in run_jobs(paths, prepare, workers, lose):
+        made[path] = result
+        progress(len(made) / len(paths), work.names[path])
+    return {path: made[path] for path in paths}
+
+
+def _fit_saved_recording(ingested: Path, estimated: Path, vehicle: Vehicle, name: str) -> FittedRecording:
+    """Fit the base model to the recording and the motion that are saved in two folders, in whatever process."""
+    return fit_recording(load_recording(ingested), load_estimate(estimated), vehicle)._replace(name=name)
 
 
 def save_pooled_model(pooled: PooledCar, period_s: float, folder: Path) -> None:

@@ -14,16 +14,15 @@ from typing import Literal, NamedTuple
 from bcid.aliases import Progress
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.fleet import FleetDocument, FleetLog, LogProblem
-from bcid.execution.jobs import Pool, ProcessLost, run_jobs_in
+from bcid.execution.jobs import Pool, run_jobs_in
+from bcid.fleet.attempts import attempt, describe_lost_process
 from bcid.fleet.labels import FleetLabels
 from bcid.fleet.limits import LIMITS
-from bcid.fleet.tasks import FleetOrder, LogEvaluation, attempt, evaluate_on, state_of, work_on_log
+from bcid.fleet.tasks import FleetOrder, LogEvaluation, evaluate_on, state_of, work_on_log
 from bcid.fleet.together import DiagnosedLog, diagnose_together
 from bcid.pipeline.takes import name_takes
 
-LOST = "its process died each time that it was tried: out of memory, or killed"
 TOGETHER = "what all logs say together"
-FEWER_JOBS = "give it fewer --jobs (or each machine of a cluster fewer workers), or look into the system's log"
 
 
 class FleetJob(NamedTuple):
@@ -45,7 +44,7 @@ def run_fleet(
     Nothing that goes wrong with a log is raised: its row says it; nor what goes wrong with all of them together.
     """
     fleet = _Fleet(order, logs, labels)
-    for job, result in run_jobs_in(pool, fleet.jobs(), fleet.prepare, _lost):
+    for job, result in run_jobs_in(pool, fleet.jobs(), fleet.prepare, lambda job: describe_lost_process(job.kind)):
         fleet.take_over(job, result)
         progress(fleet.share_done(), fleet.describe_progress(job))
     together, problems = attempt(TOGETHER, lambda: diagnose_together(fleet.diagnosed_logs(), labels.days))
@@ -152,8 +151,3 @@ class _Fleet:
         told = f"{len(self.rows)} of {len(self.logs)} logs" + (f", {failed} failed" if failed else "")
         found_locked = (job.kind, job.number) in self._locked and not job.waits
         return f"{told}; {self.names[job.number]}" + (" is locked, put off" if found_locked else "")
-
-
-def _lost(job: FleetJob) -> LogProblem:
-    """Why a job whose process died again and again gave nothing."""
-    return LogProblem(stage=job.kind, error=ProcessLost.__name__, text=f"{LOST}\n  next: {FEWER_JOBS}")

@@ -10,11 +10,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.fleet import FleetLog, KeptArtifact, LogProblem, LogScore, LogState, LogVerdict
-from bcid.errors import BcidError
+from bcid.fleet.attempts import TakeLocked, attempt
 from bcid.pipeline.config import PipelineConfig
 from bcid.pipeline.run import Pipeline
 from bcid.pipeline.watching import Watcher
@@ -22,7 +22,6 @@ from bcid.recording.saving import RecordingSummary
 from bcid.store.artifact import Artifact
 
 Result = TypeVar("Result")
-REPORT_IT = "run this log alone with BCID_TRACEBACK=1 and report it"
 
 
 @dataclass(frozen=True)
@@ -42,10 +41,6 @@ class FleetOrder:
             "training": [log.absolute()], "validation": unseen and unseen.absolute(), "truth": None, "diagnose": [],
             **absolute,
         })  # fmt: skip
-
-
-class TakeLocked(Exception):
-    """Another process is at work on what this task needs next."""
 
 
 class LogEvaluation(NamedTuple):
@@ -190,29 +185,3 @@ def state_of(row: FleetLog) -> LogState:
     if not row.problems:
         return "done"
     return "partly" if row.has("fit") or row.has("diagnose") else "failed"
-
-
-class Attempt(NamedTuple, Generic[Result]):
-    """What a step gave, or None and why it failed."""
-
-    result: Result | None
-    problems: list[LogProblem]
-
-
-def attempt(stage: str, step: Callable[[], Result]) -> Attempt[Result]:
-    """Do a step whose failure must not end the others; a lock is no failure, as it is come back to."""
-    try:
-        return Attempt(step(), [])
-    except TakeLocked:
-        raise
-    except Exception as error:  # whatever one log does to the program, the others go on
-        return Attempt(None, [LogProblem(stage=stage, error=type(error).__name__, text=_describe(error))])
-
-
-def _describe(error: Exception) -> str:
-    """Cause and next step of an error."""
-    if isinstance(error, BcidError):
-        return str(error)
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}\n  next: check the path and its permissions"
-    return f"internal error, {type(error).__name__}: {error}\n  next: {REPORT_IT}"
