@@ -345,6 +345,27 @@ def test_the_command_ends_as_its_goals_are_met(
     assert ("goals missed" in told.err) is not named
 
 
+def test_a_case_that_kills_its_processes_is_a_miss_and_ends_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cases = BlindTest(quick=True).cases[:3]
+
+    def fake(case: BlindCase, others: bool = False) -> dict[str, Any]:
+        return row(case.name, list(case.answer), [], tier=case.tier, channel=case.channel)
+
+    def run(jobs: Any, prepare: Any, workers: Any, lost: Any) -> Any:
+        for number, case in enumerate(jobs):
+            yield case, lost(case) if number == 1 else prepare(case)()
+
+    monkeypatch.setattr(run_cases, "run_blind_case", fake)
+    monkeypatch.setattr(run_cases, "run_jobs", run)
+    # what was lost is run again by the next run
+    for errors in ([False, False, True], [False, False, False]):
+        rows = list(run_all_cases(cases, tmp_path, 2))
+        assert sorted("error" in row for row in rows) == errors
+        assert all(row["tier"] for row in rows)
+
+
 def test_answers_are_sealed_before_the_first_take_and_opened_after_the_last(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bcid.execution.jobs import Workers, run_jobs
+from bcid.execution.jobs import ProcessLost, Workers, run_jobs
 from bcid.proof.blind.blind_case import BlindCase
 from bcid.proof.blind.diagnose_case import diagnose_concealed_drive
 from bcid.proof.rows import append_row, code_digest, read_rows
@@ -66,7 +66,7 @@ def run_all_cases(
 
     # by the process that made it, which loses none; those of several machines might write into each other's lines
     on_this_machine, not_run = isinstance(workers, int), list(todo)
-    for case, row in run_jobs(todo, prepare, workers):
+    for case, row in run_jobs(todo, prepare, workers, _lost_row):
         not_run.remove(case)
         if not on_this_machine:
             append_row(row, _row_key(case, code), folder)
@@ -119,6 +119,11 @@ def _run_case(case: BlindCase, with_baselines: bool) -> dict[str, Any]:
         return run_blind_case(case, with_baselines)
     except Exception as error:  # whatever it is, it is this case's miss and ends no other
         return {"error": repr(error)}
+
+
+def _lost_row(case: BlindCase) -> dict[str, Any]:
+    """The result (row) of a blind case of which process after process died."""
+    return {"error": f"{ProcessLost.__name__}: its process died each time that it was tried"}
 
 
 def _store_row_of(run: Callable[[], dict[str, Any]], key: str, folder: Path) -> dict[str, Any]:
