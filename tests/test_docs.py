@@ -29,8 +29,13 @@ from bcid.aliases import Floats
 from bcid.bench.limits import ACCURACY
 from bcid.cli.app import app
 from bcid.diagnosis.limits import DECIDING_LIMITS
+from bcid.diagnosis.reference import read_parameter_file
 from bcid.documents.prove import ProveDocument
 from bcid.documents.varied_limits import VariedLimitsDocument
+from bcid.effects.corrections import CORRECTIONS
+from bcid.effects.table import ENTRIES
+from bcid.likelihood.hypothesis import DRAG, MOTOR_LAWS, TYRES
+from bcid.models.newton_euler.parameters import FORCE_UNITS, UNITS
 from bcid.models.saving import save_model
 from bcid.proof.blind.limit_panel import EXAMPLE_TIER
 from bcid.report.formats import format_thousandths
@@ -498,3 +503,20 @@ def test_the_docs_of_the_vehicle_file_have_every_key_and_table() -> None:
             assert field.annotation is not None
             missing = [key for key in field.annotation.model_fields if f"`{key}`" not in text]
             assert not missing, f"[{table}]: {missing}"
+
+
+def test_the_docs_of_the_base_model_have_every_constant_and_correction_and_a_simulation_that_is_read(
+    tmp_path: Path,
+) -> None:
+    text = (DOCS / "model.md").read_text(encoding="utf-8")
+    missing = [symbol for symbol in (UNITS | FORCE_UNITS) if f"`{symbol}`" not in text]
+    assert not missing
+    told = re.findall(r"^\| `(\w+)` \|", text.partition("## Its own simplifications")[2], re.MULTILINE)
+    assert set(told) == set(CORRECTIONS)
+    (simulation,) = blocks("docs/model.md", "toml")
+    file = tmp_path / "simulation.toml"
+    file.write_text(simulation, encoding="utf-8")
+    read = read_parameter_file(file)
+    assert set(read.parameters) == {*MOTOR_LAWS["force"], *TYRES, *DRAG}
+    assert set(read.effects) <= set(ENTRIES)
+    assert set(read.relative_sd_of) <= set(read.parameters)
