@@ -67,7 +67,7 @@ class GoalMissed(BcidError):
 
 
 class PartLost(BcidError):
-    """The work is done, but a part of the input could not be read and was left out, as was allowed."""
+    """The work is done, but a part is missing: input that could not be read, or one of several results that failed."""
 
     exit_code = 3
 

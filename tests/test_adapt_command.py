@@ -167,7 +167,7 @@ def test_on_line_the_filter_does_what_it_does_over_a_recording(folder: Path) -> 
     drive = MeasuredDrive(apart, whole.drive.poses)
     track = filter_drive(whole.filter, whole.formulas, drive, whole.noise)
     first = np.array([q.start for q in whole.quantities]), np.array([q.sd for q in whole.quantities])
-    unknown = replace(whole, track=whole.track._replace(values=first[0][None], sd=first[1][None]))
+    unknown = replace(whole, track=whole.track._replace(values=first[0][None], covariance=np.diag(first[1] ** 2)))
     under_way = None
     for rows in drive.stretches():
         start = (apart.pose[rows.start], apart.twist[rows.start], float(apart.kinematic[rows.start, 3]))
@@ -182,6 +182,10 @@ def test_on_line_the_filter_does_what_it_does_over_a_recording(folder: Path) -> 
             np.testing.assert_allclose(under_way.values, track.values[row], rtol=1e-12)
             np.testing.assert_allclose(under_way.sd, track.sd[row], rtol=1e-9)
     assert under_way is not None
+    np.testing.assert_allclose(track.covariance, under_way.covariance, rtol=1e-9)
+    assert abs(track.covariance[0, 1]) > 0.0
+    # another drive begins with all that was known at the end of the last
+    np.testing.assert_array_equal(CarUnderWay(replace(whole, track=track)).covariance, track.covariance)
     assert under_way.names == ("mass", "steering_offset")
     assert under_way.model().car.m == pytest.approx(car.car.m * under_way.values[0])
     assert np.hypot(*(under_way.pose - apart.pose[-1])[:2]) < 0.05

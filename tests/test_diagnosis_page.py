@@ -288,6 +288,8 @@ def test_several_findings_and_a_remainder_are_all_said() -> None:
     assert f"Yet in the recorded poses, which show smaller differences, something more {rest}" in said
     d["fit"]["nmse_after"] = 2.0 * d["fit"]["nmse_floor"]
     assert f". Something more {rest}" in verdict_sentence(d)
+    d["fit"]["nmse_floor"] = None
+    assert f". Something more {rest}" in verdict_sentence(d)
 
 
 def test_ambiguous_names_all_that_cannot_be_told_apart() -> None:

@@ -19,7 +19,7 @@ from pools import FakePool
 
 from bcid.errors import UsageError
 from bcid.execution import cluster as cluster_module
-from bcid.execution.cluster import Cluster, ClusterLost
+from bcid.execution.cluster import Cluster, ClusterLost, package_digest
 from bcid.execution.jobs import ProcessLost, run_jobs, run_jobs_in
 from bcid.execution.limits import LIMITS
 from bcid.execution.pool import Died, WorkerPool
@@ -270,6 +270,35 @@ def test_workers_with_several_threads_are_refused(tmp_path: Path) -> None:
         Cluster(dask.address),
     ):
         pass
+
+
+class ToldClient:
+    """A scheduler's client that knows workers by their answers to what code they run."""
+
+    status = "running"
+
+    def __init__(self, **answers: object) -> None:
+        self.answers, self.asked = answers, list[list[str]]()
+
+    def nthreads(self) -> dict[str, int]:
+        return dict.fromkeys(self.answers, 1)
+
+    def run(self, function: Callable[[], str], workers: list[str], on_error: str) -> dict[str, object]:
+        self.asked.append(workers)
+        return {worker: self.answers[worker] for worker in workers}
+
+
+@pytest.mark.parametrize("answer", ["0" * 64, ModuleNotFoundError("bcid"), PermissionError("cluster.py")])
+def test_a_worker_that_comes_later_is_asked_once_what_code_it_runs(answer: object) -> None:
+    cluster = Cluster("tcp://desk:8786")
+    cluster._client = client = ToldClient(first=package_digest())
+    assert (cluster.size, cluster.size) == (1, 1)
+    client.answers["second"] = package_digest()
+    assert cluster.size == 2
+    assert client.asked == [["first"], ["second"]]
+    client.answers["third"] = answer
+    with pytest.raises(UsageError, match=r"third run other code(.|\n)*next: install the same version"):
+        _ = cluster.size
 
 
 def test_a_cluster_whose_workers_are_gone_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

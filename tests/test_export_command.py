@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from exported_models import MODELS, augmented_car, make_export, written
+from exported_models import MODELS, augmented_car, make_export, no_progress, written
 from typer.testing import CliRunner
 
 from bcid import libraries
@@ -24,6 +24,7 @@ from bcid.export.check import NO_COMPILER, Checked, check_c, compile_c, find_com
 from bcid.export.exported import Exported, export_model
 from bcid.export.formats import FORMATS
 from bcid.export.reference_drive import EXACT, STEPS
+from bcid.export.write import write_export
 from bcid.models.saving import save_model
 
 VALIDITY = ModelValidity(
@@ -214,6 +215,12 @@ def test_a_format_that_fails_costs_itself_and_what_needs_it(tmp_path: Path, monk
     with pytest.raises(InputRefused, match="does not do what the model does"):
         written(e, ["casadi"], tmp_path / "none")
     assert not (tmp_path / "none").exists()
+    # what lies there of another model would lie beside what is written of this one
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "car_casadi.py").write_text("another car", encoding="utf-8")
+    with pytest.raises(InputRefused, match="does not do what the model does"):
+        write_export(e, ["python", "casadi"], tmp_path / "old", lambda path: True, no_progress)
+    assert [p.name for p in (tmp_path / "old").iterdir()] == ["car_casadi.py"]
 
 
 def test_commands_say_what_they_mean_to_the_model(tmp_path: Path) -> None:

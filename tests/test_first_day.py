@@ -73,7 +73,8 @@ def test_three_commands_lead_to_a_report_and_a_fourth_to_a_diagnosis(tmp_path: P
         lab / "pipeline.toml", training='training = ["monday.csv"]', validation='validation = "tuesday.csv"',
         models='models = ["newton-euler", "k-sindy"]', losses="losses = []",
     )  # fmt: skip
-    assert "go" in bcid("ingest", "--check", cwd=lab).stdout
+    checked = json.loads(bcid("ingest", "--check", "--format", "json", cwd=lab).stdout)
+    assert [take["go"] for take in checked["recordings"]] == [True, True]
     assert "newton-euler" in bcid("run", cwd=lab).stdout
     report = json.loads((lab / "workspace" / "report" / "report.json").read_text(encoding="utf-8"))
     assert {model["model"] for model in report["models"]} == {"newton-euler", "k-sindy"}

@@ -154,6 +154,43 @@ def test_of_two_effects_in_different_logs_each_speaks_against_the_other_where_th
     assert found[RIVAL].in_logs[4:8].max() < 0.1
 
 
+def test_what_logs_show_beside_a_finding_counts_whatever_could_stand_in_the_finding_s_place() -> None:
+    """All logs have one effect and its twin; three name another one, and nine show it, too little to name it."""
+    other = REST[0]
+
+    def both(named: bool) -> LogEvidence:
+        rest = {k: v for k, v in QUIET.items() if k not in (EFFECT, other)}
+        findings = {EFFECT: 30.0} | ({other: 12.0} if named else {})
+        return LogEvidence(findings, rest | ({} if named else {other: 8.0}), {(EFFECT, RIVAL): 29.9}, 64)
+
+    found = {f.effect: f for f in find_occurrences([both(i < 3) for i in range(len(DAYS))], DAYS, UNKNOWN_CARS)}
+    assert set(found) == {EFFECT, other}
+    assert found[EFFECT].twins == (RIVAL,)
+    assert found[other].in_logs.min() > 0.9
+
+
+def test_few_of_those_that_are_reported_are_false_and_the_order_of_logs_does_not_matter() -> None:
+    """Whatever is reported holds beside all else that is."""
+    rng = np.random.default_rng(0)
+    names = [EFFECT, RIVAL, *REST[:2]]
+    for _ in range(300):
+        logs = []
+        for _ in range(8):
+            finding = names[int(rng.integers(3))] if rng.random() < 0.6 else None
+            named = {finding: float(rng.uniform(8.0, 30.0))} if finding else {}
+            others = {k: float(rng.normal(0.0, 3.0)) for k in names if k != finding}
+            instead = {
+                (finding, k): named[finding] - float(rng.uniform(0.0, 15.0))
+                for k in names if finding and k != finding and rng.random() < 0.6
+            }  # fmt: skip
+            logs.append(LogEvidence(named, others, instead, 64))
+        found = find_occurrences(logs, [0] * 8, [""] * 8)
+        false = np.cumsum([1.0 - f.probability for f in found])
+        assert (false <= 0.05 * np.arange(1, len(found) + 1)).all()
+        again = find_occurrences(logs[::-1], [0] * 8, [""] * 8)
+        assert [f.effect for f in again] == [f.effect for f in found]
+
+
 def test_what_is_named_beside_something_that_only_one_log_has_counts_in_full() -> None:
     logs = fleet(log())
     for i, once in zip(HAVING, REST, strict=False):

@@ -74,6 +74,8 @@ def test_the_shell_completes_commands_models_effects_and_formats(tmp_path: Path)
     assert completed("bcid plan rough", tmp_path) == ["rough_patch"]
     # where no name begins so, paths
     assert completed("bcid export w/mod", tmp_path) == ["w/models/"]
+    assert completed("bcid export ./pip", tmp_path) == ["./pipeline.toml"]
+    assert completed("bcid export .", tmp_path) == []
     (tmp_path / "pipeline.toml").write_text("no toml at all", encoding="utf-8")
     assert completed("bcid export pip", tmp_path) == ["pipeline.toml"]
 

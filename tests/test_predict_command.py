@@ -81,6 +81,9 @@ def test_scripts_are_told_what_is_not_known(lab: Path) -> None:
         ("known --commands c.csv --from-commands c.csv", "--from-commands goes with --from"),
         ("known --commands c.csv --state speed=1", "--state: 'speed=1'"),
         ("known --commands c.csv --out c.csv --force", "would be written over"),
+        ("known --from p.csv[0:2] --at 1 --vehicle v.toml --out p.csv --force", "would be written over"),
+        ("known --from t.csv --from-commands c.csv --at 1 --vehicle v.toml --out c.csv --force", "would be written"),
+        ("known --from c.csv --at 1 --vehicle v.toml --out c.commands.csv --force", "would be written over"),
         ("known --commands c.csv --duration 0", "a duration"),
     ],
 )  # fmt: skip

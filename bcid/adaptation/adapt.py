@@ -85,6 +85,7 @@ class Track(NamedTuple):
     sd: Floats  # (K, k)
     innovation: Floats  # (K, 3) of the poses: m, m, rad; NaN where none was measured
     log_likelihood: float  # of the poses, each from those before it
+    covariance: Floats  # (k, k) of the quantities at the end
 
 
 @dataclass(frozen=True)
@@ -184,7 +185,8 @@ def filter_drive(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredD
         kept = np.exp(-(time_s[rows.stop :, None] - time_s[ended]) / noise.forget_s)
         sd[rows.stop :] = np.sqrt(kept * np.maximum(np.diag(P_q), 0.0) + (1.0 - kept) * P_0)
         total += run.log_likelihood
-    return Track(values, sd, innovation, total)
+    left = math.exp(-(time_s[-1] - time_s[ended]) / noise.forget_s)
+    return Track(values, sd, innovation, total, left * P_q + (1.0 - left) * np.diag(P_0))
 
 
 def tune_noise(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredDrive, forget_s: float) -> FilterNoise:

@@ -38,8 +38,7 @@ class CarUnderWay:
             UsageError: these are no numbers, or not as many, or the gap is below zero.
         """
         self.adaptation = adaptation
-        track = adaptation.track
-        self._begin(pose, twist, delta, track.values[-1], np.diag(track.sd[-1] ** 2), gap_s)
+        self._begin(pose, twist, delta, adaptation.track.values[-1], adaptation.track.covariance, gap_s)
 
     def step(self, command: Sequence[float], pose: Sequence[float] | None = None) -> None:
         """Let a period pass in which a `command` [u_s (rad), u_m] held; `pose` is what was measured at its end, if any.

@@ -1,6 +1,7 @@
 """Words that the shell completes: names of models, effects, losses, formats; what knows them is imported only then."""
 
 import os
+import re
 from contextlib import suppress
 from pathlib import Path
 
@@ -53,7 +54,7 @@ def complete_losses(incomplete: str) -> list[str]:
 
 def _complete_paths(incomplete: str) -> list[str]:
     """Paths of files and folders that begin with `incomplete`; folders end with a separator."""
-    begin = "" if incomplete.endswith((os.sep, os.altsep or os.sep)) else Path(incomplete).name
+    begin = re.split(r"[/\\]" if os.altsep else "/", incomplete)[-1]
     folder = incomplete[: len(incomplete) - len(begin)]
     parent = Path(folder or ".")
     with suppress(OSError):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from bcid.documents.pool import PoolDocument
+    from bcid.fleet.attempts import Attempt
+    from bcid.fleet.pool_recordings import FittedRecording
 
 RESULT, MODEL = "pool.json", "pooled"
 
@@ -75,10 +77,8 @@ def pool(
     with sink.stage(f"fit {len(paths)} recordings") as progress:
         made = fit_recordings(work, paths, workers, progress)
     lost = [f"{p.stage}: {p.text}" for each in made.values() for p in each.problems]
+    _refuse_to_pool(made, compared)
     fitted = {path: each.result for path, each in made.items() if each.result is not None}
-    if lost and (len(fitted) < 2 or not all(path in fitted for path in compared)):
-        cause = "\n".join(["too few are left, or none to compare with", *lost])
-        raise InputRefused(paths[0], "recordings", cause, "leave out those that failed")
     with sink.stage("pool"):
         pooled = pool_car([each.summary for each in fitted.values()], own or ["mass"])
         document = describe_pool(
@@ -99,9 +99,26 @@ def pool(
     renew_results(config.workspace, writers, force)
     sink.result(document.as_json(), lambda: _tables(document))
     sink.note(f"the car of all: {home}\nwritten to: {config.workspace / RESULT}")
+    try:
+        work.raise_if_parts_lost()
+    except PartLost as part:
+        lost.append(str(part))
     if lost:
-        raise PartLost("\n".join([f"{len(lost)} of {len(paths)} recordings are not pooled", *lost]))
-    work.raise_if_parts_lost()
+        raise PartLost("\n".join([f"{len(made) - len(fitted)} of {len(paths)} recordings are not pooled", *lost]))
+
+
+def _refuse_to_pool(made: Mapping[Path, Attempt[FittedRecording]], compared: Sequence[Path]) -> None:
+    """Raise `InputRefused` where one of those `compared` with could not be fitted, or fewer than two of several are."""
+    failed = {path: each.problems[0] for path, each in made.items() if each.problems}
+    for path in (*(path for path in compared if path in failed), *failed):
+        if path in compared:
+            why, other = "is what all are compared with", "name another with --reference"
+        elif len(made) - len(failed) < 2:
+            why, other = "leaves fewer than two to be pooled", "name more recordings"
+        else:
+            continue
+        cause, _, step = failed[path].text.partition("\n  next: ")
+        raise InputRefused(path, failed[path].stage, f"{why}: {cause}", f"{step}; or {other}")
 
 
 def _find_references(reference: Sequence[Path], paths: Sequence[Path]) -> list[Path]:

@@ -71,14 +71,17 @@ def predict(
     from bcid.prediction.fitted_model import load_fitted_model
     from bcid.prediction.start import State
     from bcid.prediction.table import check_ending
+    from bcid.recording.cuts import without_cut
+    from bcid.recording.formats.detect import COMMANDS_ENDING
 
     sink = Sink(format)
     check_ending(out)
     _check_start(recording, recorded_commands, at, state, sd, vehicle, pipeline)
     if recording is None and commands is None:
         raise UsageError("a prediction from a state needs commands\n  next: name a file with --commands")
-    given = [path.resolve() for path in (commands, recording) if path is not None]
-    if out.resolve() in given:
+    file = None if recording is None else without_cut(recording)
+    beside = None if file is None else file.with_suffix(COMMANDS_ENDING)
+    if out.resolve() in [path.resolve() for path in (commands, file, recorded_commands, beside) if path is not None]:
         raise UsageError(f"{out} would be written over\n  next: {OTHER_TABLE}")
     refuse_to_overwrite([out], lambda path: force, OTHER_TABLE)
     # all that uses the model: its steps and the variations of its constants read the vocabulary, not the loading alone

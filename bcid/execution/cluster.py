@@ -119,8 +119,9 @@ class Cluster:
                 f"  next: start workers with `dask worker {self.address} --nthreads 1 --nworkers N`, one for each core"
             )
         answers = self._client.run(package_digest, workers=new, on_error="return")
-        # one that is gone again cannot be asked; any other error is that of a worker without this package
-        digests = {worker: answer for worker, answer in answers.items() if not isinstance(answer, OSError)}
+        # one that is gone again cannot be asked; an error of one that is there is that of a worker without this package
+        there = self._client.nthreads()
+        digests = {worker: answer for worker, answer in answers.items() if worker in there}
         others = sorted(worker for worker, digest in digests.items() if digest != package_digest())
         if others:
             raise UsageError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +11,12 @@ from bcid import __version__
 from bcid.aliases import Progress
 from bcid.documents.export import ExportDocument, ExportedFormat, ExportedQuantity, ExportedStart, ExportedVectors
 from bcid.documents.report import ProcessNoiseFigures
-from bcid.errors import InputRefused
+from bcid.errors import InputRefused, Problems
 from bcid.evaluation.validity import QUANTITIES
 from bcid.export.check import Checked
 from bcid.export.commands import steering_limit_of
 from bcid.export.exported import CENTRE_OF_GRAVITY, Exported
-from bcid.export.formats import FORMATS
+from bcid.export.formats import FORMATS, Files
 from bcid.export.formulas import Variable
 from bcid.files.outputs import MayReplace, staged_outputs
 
@@ -26,37 +26,41 @@ def write_export(
 ) -> ExportDocument:
     """Write an export in some `formats` into `folder`, with NAME.json; returns what that holds.
 
-    A format that does not do what the model does is left out, with those that need it, and named in what is returned.
+    A format that does not do what the model does is left out, with those that need it, and named in what is returned;
+    where files of it lie in `folder` already, nothing is written, as they would lie beside those of another model.
 
     Raises:
         InputRefused: none of the formats does what the model does, or a file would be overwritten.
         DiskFull: the disk is full.
     """
-    made, refused, chosen = list[ExportedFormat](), dict[str, InputRefused](), _with_needed(formats)
+    made, refused, left, chosen = list[ExportedFormat](), dict[str, InputRefused](), list[Path](), _with_needed(formats)
     with staged_outputs(folder, may_replace) as staged:
         for i, name in enumerate(chosen):
             progress(i / len(chosen), name)
-            lacking = next((refused[needed] for needed in FORMATS[name].needs if needed in refused), None)
+            files = FORMATS[name].write(e)
             try:
-                made.append(_write_format(e, name, staged, lacking))
+                made.append(_write_format(e, name, files, staged, refused))
             except InputRefused as refusal:
                 refused[name] = refusal
-        if not made:
-            raise next(iter(refused.values()))
+                left += [folder / file for file in files if (folder / file).exists()]
+        if left or not made:
+            Problems(p for refusal in refused.values() for p in refusal.problems).raise_if_any(folder)
         document = _describe(e, made, {name: str(refusal) for name, refusal in refused.items()})
         document.write(staged / f"{e.name}.json")
     return document
 
 
-def _write_format(e: Exported, name: str, folder: Path, lacking: InputRefused | None) -> ExportedFormat:
-    """Write the files of one format into `folder` and check them; `lacking` is why one that it needs is not there.
+def _write_format(
+    e: Exported, name: str, files: Files, folder: Path, refused: Mapping[str, InputRefused]
+) -> ExportedFormat:  # fmt: skip
+    """Write the `files` of one format into `folder` and check them.
 
     Raises:
-        InputRefused: it does not do what the model does, and its files are removed; or `lacking`.
+        InputRefused: it does not do what the model does, and its files are removed; or it needs one of those `refused`.
     """
-    if lacking is not None:
-        raise lacking
-    files = FORMATS[name].write(e)
+    for needed in FORMATS[name].needs:
+        if needed in refused:
+            raise refused[needed]
     try:
         for file, content in files.items():
             (folder / file).write_bytes(content.encode("utf-8") if isinstance(content, str) else content)

@@ -26,14 +26,17 @@ class Attempt(NamedTuple, Generic[Result]):
     problems: list[LogProblem]
 
 
-def attempt(stage: str, step: Callable[[], Result]) -> Attempt[Result]:
-    """Do a step whose failure must not end the others; a lock is no failure, as it is come back to."""
+def attempt(stage: str, step: Callable[[], Result], if_internal: str = REPORT_IT) -> Attempt[Result]:
+    """Do a step whose failure must not end the others; a lock is no failure, as it is come back to.
+
+    `if_internal` is the next step after an error that is none of the input.
+    """
     try:
         return Attempt(step(), [])
     except TakeLocked:
         raise
     except Exception as error:  # whatever one log does to the program, the others go on
-        return Attempt(None, [LogProblem(stage=stage, error=type(error).__name__, text=_describe(error))])
+        return Attempt(None, [LogProblem(stage=stage, error=type(error).__name__, text=_describe(error, if_internal))])
 
 
 def describe_lost_process(stage: str) -> LogProblem:
@@ -41,10 +44,10 @@ def describe_lost_process(stage: str) -> LogProblem:
     return LogProblem(stage=stage, error=ProcessLost.__name__, text=f"{LOST}\n  next: {FEWER_JOBS}")
 
 
-def _describe(error: Exception) -> str:
+def _describe(error: Exception, if_internal: str) -> str:
     """Cause and next step of an error."""
     if isinstance(error, BcidError):
         return str(error)
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}\n  next: check the path and its permissions"
-    return f"internal error, {type(error).__name__}: {error}\n  next: {REPORT_IT}"
+    return f"internal error, {type(error).__name__}: {error}\n  next: {if_internal}"

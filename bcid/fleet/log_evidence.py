@@ -6,10 +6,19 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.price import price_nats
+
+
+class Way(NamedTuple):
+    """A way in which a log may have an effect: what it adds, what others would add there instead, and beside what."""
+
+    nats: float
+    instead: Mapping[str, float]  # by effect
+    beside: frozenset[str]  # findings that stay
 
 
 @dataclass(frozen=True)
@@ -53,17 +62,20 @@ class LogEvidence:
         """Nats that an effect adds at most, beside the findings or in the place of one."""
         return max((self.beside(effect), *self.in_place(effect).values()))
 
-    def instead_of(self, effect: str) -> dict[str, float]:
-        """Nats that each other effect that is no finding adds at most where `effect` is not beside the findings."""
-        others = self.effects - {effect, *self.named}
-        return {
-            other: self.best(other) for other in others if self.are_alternatives(effect, other)
-        }  # fmt: skip
+    def ways(self, effect: str) -> list[Way]:
+        """How the log may have an effect: as a finding or beside all of them, or in the place of one."""
+        if effect in self.named:
+            return [self._way_in_place_of(effect, effect, self.named[effect])]
+        others = sorted(self.effects - {effect, *self.named})
+        ways = [Way(self.beside(effect), {o: self.beside(o) for o in others}, frozenset(self.named))]
+        return ways + [self._way_in_place_of(f, effect, nats) for f, nats in self.in_place(effect).items()]
 
-    def in_place_of(self, finding: str, effect: str) -> dict[str, float]:
-        """Nats that a finding adds, and each effect but `effect` that could stand in its place."""
-        rivals = {other: nats for (out, other), nats in self.instead.items() if out == finding and other != effect}
-        return {finding: self.named[finding], **rivals}
+    def _way_in_place_of(self, finding: str, effect: str, nats: float) -> Way:
+        """That the log has an effect, which adds `nats`, where a finding is left out, or is that effect."""
+        instead = {other: x for (out, other), x in sorted(self.instead.items()) if out == finding}
+        instead |= {finding: self.named[finding]}
+        instead.pop(effect, None)
+        return Way(nats, instead, frozenset(set(self.named) - {finding}))
 
     def at_size(self, nats: float, effect: str, usual: float) -> float:
         """Nats of an effect at the size that it has in other logs, of which each stretch gains `usual` by it.

@@ -25,7 +25,7 @@ the end each is weighed anew beside all others.  Reported are as many as leave t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -67,7 +67,8 @@ def find_occurrences(logs: Sequence[LogEvidence], days: Sequence[int], cars: Seq
 
     while True:
         explained = _explain(occurrences)
-        ratios = {name: _log_ratios(logs, name, explained) for name in effects if name not in explained}
+        known = {name for found in explained for name in found.names}
+        ratios = {name: _log_ratios(logs, name, explained) for name in effects if name not in known}
         found = sorted((weigh(name, ratio) for name, ratio in ratios.items()), key=lambda o: -o.nats)
         if not found or len(_limit_false([*occurrences, found[0]])) == len(occurrences):
             break
@@ -75,18 +76,29 @@ def find_occurrences(logs: Sequence[LogEvidence], days: Sequence[int], cars: Seq
         near = [o.effect for o in rest if o.nats > best.nats - LIMITS.twin_nats]
         twins = tuple(name for name in near if _are_twins(logs, best, name))
         occurrences.append(best._replace(twins=twins))
-    anew = [
-        weigh(one.effect, _log_ratios(logs, one.effect, _explain(o for o in occurrences if o is not one)))._replace(
-            twins=one.twins
-        )
-        for one in occurrences
-    ]
-    return _limit_false(sorted(anew, key=lambda o: -o.nats))
+    while True:
+        anew = [
+            weigh(one.effect, _log_ratios(logs, one.effect, _explain(o for o in occurrences if o is not one)))
+            for one in occurrences
+        ]
+        occurrences = [one._replace(twins=old.twins) for one, old in zip(anew, occurrences, strict=True)]
+        occurrences.sort(key=lambda o: -o.nats)
+        if len(_limit_false(occurrences)) == len(occurrences):
+            return occurrences
+        # the least certain alone: without it the others may stand
+        occurrences.pop()
 
 
-def _explain(occurrences: Iterable[Occurrence]) -> dict[str, Floats]:
-    """The probability (I,) that each log has one of the effects found, by it and by what cannot be told from it."""
-    return {name: one.in_logs for one in occurrences for name in (one.effect, *one.twins)}
+class ExplainedLogs(NamedTuple):
+    """An effect that was found, with those that cannot be told from it: the probability (I,) that each log has it."""
+
+    names: frozenset[str]
+    in_logs: Floats
+
+
+def _explain(occurrences: Iterable[Occurrence]) -> list[ExplainedLogs]:
+    """What the logs have by the effects that were found."""
+    return [ExplainedLogs(frozenset((one.effect, *one.twins)), one.in_logs) for one in occurrences]
 
 
 def _limit_false(occurrences: Sequence[Occurrence]) -> list[Occurrence]:
@@ -113,14 +125,11 @@ def _are_twins(logs: Sequence[LogEvidence], found: Occurrence, other: str) -> bo
     return sum(alike) > 0.5 * len(having)
 
 
-def _log_ratios(logs: Sequence[LogEvidence], effect: str, explained: Mapping[str, Floats]) -> Floats:
-    """The ln r_ie (I,) of an effect; zero where a log cannot say.
-
-    `explained` is the probability (I,) that each log has each of the other effects that were found.
-    """
+def _log_ratios(logs: Sequence[LogEvidence], effect: str, explained: Sequence[ExplainedLogs]) -> Floats:
+    """The ln r_ie (I,) of an effect, beside what else was found to be `explained`; zero where a log cannot say."""
     usual = _usual_nats(logs, effect)
     return np.array([
-        _log_ratio(log, effect, usual, {name: float(p[i]) for name, p in explained.items()})
+        _log_ratio(log, effect, usual, [(found.names, float(found.in_logs[i])) for found in explained])
         if effect in log.effects else 0.0
         for i, log in enumerate(logs)
     ])  # fmt: skip
@@ -132,34 +141,36 @@ def _usual_nats(logs: Sequence[LogEvidence], effect: str) -> float | None:
     return float(np.quantile(named, 0.25)) if len(named) > 1 else None
 
 
-def _log_ratio(log: LogEvidence, effect: str, usual: float | None, explained: Mapping[str, float]) -> float:
-    """The ln r_ie of one log: of the effect beside its findings, or in the place of one, whichever says more."""
-    ways = [(log.beside(effect), log.instead_of(effect))]
-    ways += [(nats, log.in_place_of(finding, effect)) for finding, nats in log.in_place(effect).items()]
+def _log_ratio(
+    log: LogEvidence, effect: str, usual: float | None, explained: Sequence[tuple[frozenset[str], float]]
+) -> float:
+    """The ln r_ie of one log: of the effect beside its findings, or in the place of one, whichever says more.
+
+    `explained` are effects that were found, each with its twins, and the probability that the log has it.
+    """
     ratios = list[float]()
-    for nats, instead in ways:
-        if math.isfinite(nats):
-            at_usual = nats if usual is None or effect in log.named else log.at_size(nats, effect, usual)
-            ratios.append(_weigh_against(at_usual, instead, explained))
+    for way in log.ways(effect):
+        if math.isfinite(way.nats):
+            at_usual = way.nats if usual is None or effect in log.named else log.at_size(way.nats, effect, usual)
+            # one that is among the findings that stay is there in any case
+            there = [(p, names & way.instead.keys()) for names, p in explained if not names & way.beside]
+            likely = [(p, max(way.instead[name] for name in names)) for p, names in there if names]
+            q, c = max(likely, default=(0.0, 0.0))
+            ratios.append(_weigh_against(at_usual, max(0.0, at_usual, *way.instead.values()), q, c))
     return max(ratios, default=0.0)
 
 
-def _weigh_against(nats: float, instead: Mapping[str, float], explained: Mapping[str, float]) -> float:
-    """The log odds that a diagnosis gives to what adds `nats`, where other effects would add what is in `instead`.
+def _weigh_against(b: float, most: float, q: float, c: float) -> float:
+    """The log odds that a diagnosis gives to what adds `b` nats, where the likeliest explanation adds `most`.
 
-    `explained` is the probability that the log has each of the effects that were found before.
+    With probability `q` something else is there instead, which adds `c` nats, and nothing otherwise.
     """
-    most = max(0.0, nats, *instead.values())
 
     def log_likelihood(added: float) -> float:
         return float(np.logaddexp(math.log1p(-LIMITS.wrong_log_rate) + added - most, math.log(LIMITS.wrong_log_rate)))
 
-    known = max((name for name in instead if name in explained), key=lambda name: explained[name], default=None)
-    q = 0.0 if known is None else explained[known]
-    absent = np.log1p(-q) + log_likelihood(0.0) if q < 1.0 else -math.inf
-    if known is not None and q > 0.0:
-        absent = np.logaddexp(absent, math.log(q) + log_likelihood(instead[known]))
-    return log_likelihood(nats) - float(absent)
+    absent = [math.log(p) + log_likelihood(nats) for p, nats in ((1.0 - q, 0.0), (q, c)) if p > 0.0]
+    return log_likelihood(b) - float(logsumexp(absent))
 
 
 def _weigh(effect: str, ratio: Floats, days: Sequence[int], groups: Sequence[Ints], effects: int) -> Occurrence:

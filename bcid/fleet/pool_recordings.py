@@ -55,11 +55,14 @@ def fit_recordings(
 ) -> dict[Path, Attempt[FittedRecording]]:
     """Fit the base model to each recording at `paths`, several at a time; what each gave, or why it failed."""
     # the filter is tuned to all of them together, so that their motion is estimated here
-    folders = {path: (work.ingest(path).folder.absolute(), work.estimate(path).folder.absolute()) for path in paths}
+    folders = {path: attempt(f"estimate {work.names[path]}", partial(_estimate, work, path)) for path in paths}
     made = dict[Path, Attempt[FittedRecording]]()
 
     def prepare(path: Path) -> Callable[[], Attempt[FittedRecording]]:
-        fit = partial(_fit_saved_recording, *folders[path], work.vehicle, work.names[path])
+        estimated, problems = folders[path]
+        if estimated is None:
+            return partial(Attempt, None, problems)
+        fit = partial(_fit_saved_recording, *estimated, work.vehicle, work.names[path])
         return partial(attempt, f"fit {work.names[path]}", fit)
 
     def lose(path: Path) -> Attempt[FittedRecording]:
@@ -69,6 +72,11 @@ def fit_recordings(
         made[path] = result
         progress(len(made) / len(paths), work.names[path])
     return {path: made[path] for path in paths}
+
+
+def _estimate(work: Pipeline, path: Path) -> tuple[Path, Path]:
+    """The folders of a recording and of its motion."""
+    return work.ingest(path).folder.absolute(), work.estimate(path).folder.absolute()
 
 
 def _fit_saved_recording(ingested: Path, estimated: Path, vehicle: Vehicle, name: str) -> FittedRecording:

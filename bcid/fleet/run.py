@@ -22,7 +22,7 @@ from bcid.fleet.tasks import FleetOrder, LogEvaluation, evaluate_on, state_of, w
 from bcid.fleet.together import DiagnosedLog, diagnose_together
 from bcid.pipeline.takes import name_takes
 
-TOGETHER = "what all logs say together"
+REPORT_TOGETHER = "report it, with fleet.json; each log's own results are whole"
 
 
 class FleetJob(NamedTuple):
@@ -47,7 +47,9 @@ def run_fleet(
     for job, result in run_jobs_in(pool, fleet.jobs(), fleet.prepare, lambda job: describe_lost_process(job.kind)):
         fleet.take_over(job, result)
         progress(fleet.share_done(), fleet.describe_progress(job))
-    together, problems = attempt(TOGETHER, lambda: diagnose_together(fleet.diagnosed_logs(), labels.days))
+    together, problems = attempt(
+        "what all logs say together", lambda: diagnose_together(fleet.diagnosed_logs(), labels.days), REPORT_TOGETHER
+    )
     return FleetDocument(
         vehicle=vehicle, models=order.models, diagnosed=order.diagnose,
         logs=tuple(fleet.row_of(number) for number in range(len(logs))), together=together, problems=tuple(problems),

@@ -149,7 +149,7 @@ def _describe_improvement(d: DiagnosisDocument, lead: str) -> str:
         return _describe_rest(d.unknown, in_error=True)
     text = f"{lead} the held-out {fit.horizon_s:g} s error (NMSE) {_describe_change(fit)}"
     times = fit.nmse_after / fit.nmse_floor if fit.nmse_floor else 0.0
-    more = _describe_rest(d.unknown, in_error=times >= LIMITS.above_floor)
+    more = _describe_rest(d.unknown, in_error=not fit.nmse_floor or times >= LIMITS.above_floor)
     level = ", and stays at" if _hardly_changes(fit) else ", to"
     text += f"{level} {times:.2f} times the noise floor." if fit.nmse_floor else "."
     why = _explain_floor_distance(d) if times >= LIMITS.above_floor and not d.unknown else ""

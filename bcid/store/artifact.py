@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import shutil
 import tempfile
 import time
@@ -19,7 +18,7 @@ from bcid.files.outputs import explain_write_errors, flush_to_disk
 from bcid.files.source_code import StageCode
 
 MANIFEST = "manifest.json"
-_UNFINISHED = ".unfinished"
+_UNFINISHED, _LOCKS = ".unfinished", "locks"
 # where artifacts are kept that somebody edited or added to, or that a disk damaged
 _SET_ASIDE = "set_aside"
 OTHER_WORKSPACE = 'name another with --out, or by workspace = "…" in the pipeline file'
@@ -92,7 +91,7 @@ class Store:
         `notify` is called with a sentence where an artifact is set aside that is no longer as it was written.
         """
         self.workspace = workspace
-        self._waiting, self._notify, self._tidied = notify_waiting, notify, False
+        self._waiting, self._notify = notify_waiting, notify
 
     def get_or_make(self, recipe: Recipe, make: Callable[[Path], None]) -> Artifact:
         """Return the artifact of `recipe`, made by `make(folder)` unless it is there with every file as it was written.
@@ -123,20 +122,16 @@ class Store:
         """Hold a lock that only one run at a time has in this workspace; the lock of a killed run is free."""
         from filelock import FileLock, Timeout
 
-        unfinished = self.workspace / _UNFINISHED
+        locks = self.workspace / _UNFINISHED / _LOCKS
         with explain_write_errors(self.workspace, OTHER_WORKSPACE):
-            unfinished.mkdir(parents=True, exist_ok=True)
-            lock = FileLock(unfinished / f"{name}.lock")
-            while not lock.is_locked:
-                try:
-                    lock.acquire(timeout=LOCK_NOTICE_S)
-                except Timeout:
-                    self._waiting()
-                    lock.acquire()
-                try:
-                    os.utime(lock.lock_file)  # in use, it is none that a killed run left behind
-                except FileNotFoundError:  # it was removed as one just before, and locks nothing
-                    lock.release()
+            locks.mkdir(parents=True, exist_ok=True)
+            # the file stays for good: whoever removed it might let two runs hold the lock, each on a file of its own
+            lock = FileLock(locks / f"{name}.lock")
+            try:
+                lock.acquire(timeout=LOCK_NOTICE_S)
+            except Timeout:
+                self._waiting()
+                lock.acquire()
         try:
             yield
         finally:
@@ -145,9 +140,7 @@ class Store:
     def _make_artifact(self, recipe: Recipe, make: Callable[[Path], None], folder: Path) -> None:
         """Make an artifact in a working folder, write its manifest, and move it to `folder`."""
         unfinished = self.workspace / _UNFINISHED
-        if not self._tidied:  # once, as every artifact of an archive has a lock file
-            _remove_stale_work(unfinished)
-            self._tidied = True
+        _remove_stale_work(unfinished)
         with explain_write_errors(self.workspace, OTHER_WORKSPACE):
             work = Path(tempfile.mkdtemp(prefix=f"{recipe.stage}-", dir=unfinished))
         try:
@@ -196,11 +189,11 @@ class Store:
 
 
 def _remove_stale_work(unfinished: Path) -> None:
-    """Remove working folders and locks in `unfinished` that are older than any run lasts, left by killed runs."""
+    """Remove working folders in `unfinished` that are older than any run lasts, left by killed runs."""
     for work in unfinished.iterdir():
         with suppress(OSError):
-            if time.time() - work.stat().st_mtime > LIMITS.max_run_s:
-                shutil.rmtree(work, ignore_errors=True) if work.is_dir() else work.unlink()
+            if work.name != _LOCKS and time.time() - work.stat().st_mtime > LIMITS.max_run_s:
+                shutil.rmtree(work, ignore_errors=True)
 
 
 def is_whole(folder: Path, recipe: Recipe) -> bool:

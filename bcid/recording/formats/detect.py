@@ -22,6 +22,7 @@ MCAP_MAGIC = b"\x89MCAP0\r\n"
 PARQUET_MAGIC = b"PAR1"
 SQLITE_MAGIC, ROS_1_MAGIC = b"SQLite format 3\0", b"#ROSBAG V"
 UTF_16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+COMMANDS_ENDING = ".commands.csv"  # of a commands file beside a recording of the same name
 HEAD_BYTES = 4096  # by which the format is detected
 SHOWN_NAME_LENGTH = 60  # characters of an unusable name in a message
 
@@ -98,7 +99,7 @@ def find_commands_file(path: Path, commands: Path | None) -> Path | None:
     Raises:
         UsageError: `commands` is named for an MCAP file, which holds its own.
     """
-    kind, beside = detect_format(path), path.with_suffix(".commands.csv")
+    kind, beside = detect_format(path), path.with_suffix(COMMANDS_ENDING)
     if kind == "motive":
         return commands or beside
     if kind == "table":
