@@ -18,7 +18,7 @@ from bcid.files.outputs import explain_write_errors, flush_to_disk
 from bcid.files.source_code import StageCode
 
 MANIFEST = "manifest.json"
-_UNFINISHED, _LOCKS = ".unfinished", "locks"
+_UNFINISHED, _LOCKS = ".unfinished", ".locks"
 # where artifacts are kept that somebody edited or added to, or that a disk damaged
 _SET_ASIDE = "set_aside"
 OTHER_WORKSPACE = 'name another with --out, or by workspace = "…" in the pipeline file'
@@ -122,7 +122,7 @@ class Store:
         """Hold a lock that only one run at a time has in this workspace; the lock of a killed run is free."""
         from filelock import FileLock, Timeout
 
-        locks = self.workspace / _UNFINISHED / _LOCKS
+        locks = self.workspace / _LOCKS
         with explain_write_errors(self.workspace, OTHER_WORKSPACE):
             locks.mkdir(parents=True, exist_ok=True)
             # the file stays for good: whoever removed it might let two runs hold the lock, each on a file of its own
@@ -140,8 +140,9 @@ class Store:
     def _make_artifact(self, recipe: Recipe, make: Callable[[Path], None], folder: Path) -> None:
         """Make an artifact in a working folder, write its manifest, and move it to `folder`."""
         unfinished = self.workspace / _UNFINISHED
-        _remove_stale_work(unfinished)
         with explain_write_errors(self.workspace, OTHER_WORKSPACE):
+            unfinished.mkdir(parents=True, exist_ok=True)
+            _remove_stale_work(unfinished)
             work = Path(tempfile.mkdtemp(prefix=f"{recipe.stage}-", dir=unfinished))
         try:
             made = work / "made"
@@ -192,7 +193,7 @@ def _remove_stale_work(unfinished: Path) -> None:
     """Remove working folders in `unfinished` that are older than any run lasts, left by killed runs."""
     for work in unfinished.iterdir():
         with suppress(OSError):
-            if work.name != _LOCKS and time.time() - work.stat().st_mtime > LIMITS.max_run_s:
+            if time.time() - work.stat().st_mtime > LIMITS.max_run_s:
                 shutil.rmtree(work, ignore_errors=True)
 
 
