@@ -173,7 +173,7 @@ def test_a_full_disk_and_a_file_for_a_folder_are_told(tmp_path: Path) -> None:
     assert contents(tmp_path) == {"a.txt": KEPT}
     with pytest.raises(InputRefused, match=r"no folder\n  next: elsewhere that can be written to"):
         write_output(tmp_path / "a.txt" / "b.txt", Path.touch, always, "elsewhere")
-    with pytest.raises(InputRefused, match=r"a\.txt/\.unfinished: output: .*no folder\n  next: .*workspace = "):
+    with pytest.raises(InputRefused, match=r"a\.txt/\.locks: output: .*no folder\n  next: .*workspace = "):
         Store(tmp_path / "a.txt").get_or_make(RECIPE, make)
 
 
