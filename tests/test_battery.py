@@ -32,6 +32,7 @@ from bcid.store.artifact import file_sha256
 EDITS = 8  # of each kind
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("default")
 def test_edits_of_all_that_is_saved_are_refused_by_name_or_give_numbers() -> None:
     outcomes = list(run_battery(EDITS))

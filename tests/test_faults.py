@@ -46,6 +46,7 @@ def test_a_full_disk_ends_with_one_message_and_the_next_run_goes_on(
     assert len(list((tmp_path / "w").glob("ingest/*"))) == 1
 
 
+@pytest.mark.slow
 def test_eight_runs_in_one_workspace_make_one_artifact(
     takes: dict[str, Path], vehicle_file: Path, tmp_path: Path
 ) -> None:

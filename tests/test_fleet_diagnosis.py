@@ -173,7 +173,7 @@ def test_few_of_those_that_are_reported_are_false_and_the_order_of_logs_does_not
     """Whatever is reported holds beside all else that is."""
     rng = np.random.default_rng(0)
     names = [EFFECT, RIVAL, *REST[:2]]
-    for _ in range(300):
+    for _ in range(60):
         logs = []
         for _ in range(8):
             finding = names[int(rng.integers(3))] if rng.random() < 0.6 else None

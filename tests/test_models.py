@@ -221,7 +221,7 @@ def car_of(**changes: float) -> Car:
 
 
 @pytest.mark.parametrize("loss", ["one-step", "rollout"])
-@pytest.mark.parametrize("optimiser", ["genetic", "levenberg-marquardt"])
+@pytest.mark.parametrize("optimiser", [pytest.param("genetic", marks=pytest.mark.slow), "levenberg-marquardt"])
 def test_newton_euler_finds_its_own_constants(optimiser: str, loss: str, vehicle: Vehicle) -> None:
     """Least squares to the last digits, the genetic algorithm nearly."""
     truth, takes = NewtonEuler(car_of(), 0.1, {}), clean_estimates(NewtonEuler(car_of(), 0.1, {}))

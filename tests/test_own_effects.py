@@ -163,6 +163,7 @@ def test_sizes_are_the_user_s_whatever_the_vehicle(tmp_path: Path) -> None:
 # --- in predictions -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("component", range(6), ids=["x", "y", "yaw", "v_x", "v_y", "omega"])
 def test_derivatives_by_the_initial_state_are_those_of_predictions(
     component: int, tmp_path: Path, recording: Recording, vehicle: Any, tuning: Any

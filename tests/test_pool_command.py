@@ -73,6 +73,7 @@ def test_what_cannot_be_pooled_is_refused(summaries: list[CarSummary]) -> None:
         pool_car([summaries[1], other], ["mass"])
 
 
+@pytest.mark.slow
 def test_the_command_writes_factors_and_the_car_of_all(tmp_path: Path, vehicle_file: Path) -> None:
     takes = []
     for seed, load in enumerate((0.0, 0.2)):
