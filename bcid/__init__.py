@@ -15,10 +15,10 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "bcid.api": (
-        "AdaptedCar", "Comparison", "DiagnosedRecordings", "adapt", "compare", "diagnose", "estimate_motion",
+        "Comparison", "DiagnosedRecordings", "adapt", "compare", "diagnose", "estimate_motion",
         "export_code", "fit", "load", "own_effects", "predict", "read",
     ),
-    "bcid.adaptation.on_line": ("CarUnderWay",),
+    "bcid.adaptation.on_line": ("AdaptedCar", "CarUnderWay"),
     "bcid.prediction.fitted_model": ("FittedModel",),
     "bcid.prediction.motion": ("Motion",),
     "bcid.prediction.prediction": ("BeyondData", "Prediction"),

@@ -1,5 +1,5 @@
+from bcid.adaptation.on_line import AdaptedCar as AdaptedCar
 from bcid.adaptation.on_line import CarUnderWay as CarUnderWay
-from bcid.api import AdaptedCar as AdaptedCar
 from bcid.api import Comparison as Comparison
 from bcid.api import DiagnosedRecordings as DiagnosedRecordings
 from bcid.api import adapt as adapt

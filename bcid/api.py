@@ -13,6 +13,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bcid.adaptation.settings import FORGET_S
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.report import ReportDocument
 from bcid.errors import UsageError
@@ -20,9 +21,7 @@ from bcid.prediction.fitted_model import AT_REST, Commands, FittedModel, load_fi
 from bcid.prediction.start import Moment, State
 
 if TYPE_CHECKING:
-    from bcid.adaptation.adapt import Adaptation
-    from bcid.adaptation.on_line import CarUnderWay
-    from bcid.aliases import Floats
+    from bcid.adaptation.on_line import AdaptedCar
     from bcid.documents.export import ExportDocument
     from bcid.estimate.types import Estimate
     from bcid.models.settings import CarLoss
@@ -56,36 +55,6 @@ class DiagnosedRecordings:
         from bcid.report.verdict_words import verdict_sentence
 
         return verdict_sentence(self.document)
-
-
-@dataclass(frozen=True)
-class AdaptedCar:
-    """A car of which a few constants were followed over a recording, and can be followed further."""
-
-    names: tuple[str, ...]  # of the k quantities
-    time_s: Floats  # (K,)
-    values: Floats  # (K, k) factors, or parameters of effects in SI units, as they were known at each time
-    sd: Floats  # (K, k) their standard deviations
-    adaptation: Adaptation
-
-    def begin(
-        self, pose: Sequence[float] = (0.0, 0.0, 0.0), twist: Sequence[float] = (0.0, 0.0, 0.0), delta: float = 0.0,
-        gap_s: float = 0.0,
-    ) -> CarUnderWay:  # fmt: skip
-        """Go on with what is known at the recording's end: on line, a command and a pose after the other.
-
-        Args:
-            pose: where the tracked point is: x, y (m) and yaw (rad).
-            twist: how it moves: v_x, v_y (m/s) and yaw rate (rad/s).
-            delta: the steering angle (rad).
-            gap_s: the time (s) since the recording's end, over which what was learnt fades.
-
-        Raises:
-            UsageError: these are no numbers, or not as many, or the gap is below zero.
-        """
-        from bcid.adaptation.on_line import CarUnderWay
-
-        return CarUnderWay(self.adaptation, pose, twist, delta, gap_s)
 
 
 @contextmanager
@@ -308,7 +277,7 @@ def adapt(
     vehicle: AnyPath | None = None,
     out: AnyPath | None = None,
     pipeline: AnyPath | None = None,
-    forget_s: float = 120.0,
+    forget_s: float = FORGET_S,
     ignore_health: bool = False,
 ) -> AdaptedCar:
     """Follow a few constants of a fitted car over a recording, as `bcid adapt` does it.
@@ -327,15 +296,14 @@ def adapt(
         UsageError: arguments are missing or do not go together, or one of the quantities is none of this car.
         InputRefused: a file cannot be used.
     """
+    from bcid.adaptation.on_line import AdaptedCar
     from bcid.pipeline.adapted_take import adapt_over_take
     from bcid.pipeline.run import Pipeline
 
     config = _configure(recording, vehicle, out, pipeline).model_copy(update={"ignore_health": ignore_health})
     work, folder = Pipeline(config), model.folder if isinstance(model, FittedModel) else Path(model)
     with work.runner.own_effects_of(folder):
-        taken = adapt_over_take(work, Path(recording), folder, quantities, forget_s)
-    names, track = tuple(q.name for q in taken.adaptation.quantities), taken.adaptation.track
-    return AdaptedCar(names, taken.estimate.time_s, track.values, track.sd, taken.adaptation)
+        return AdaptedCar(adapt_over_take(work, Path(recording), folder, quantities, forget_s).adaptation)
 
 
 def export_code(

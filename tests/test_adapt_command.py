@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 import bcid
 from bcid.adaptation.adapt import Adaptation, MeasuredDrive, adapt, as_adaptable, filter_drive, poses_at_rows
-from bcid.adaptation.on_line import CarUnderWay
+from bcid.adaptation.on_line import AdaptedCar, CarUnderWay
 from bcid.adaptation.settings import FORGET_S
 from bcid.cli.app import app
 from bcid.documents.adapt import AdaptDocument
@@ -172,7 +172,7 @@ def test_on_line_the_filter_does_what_it_does_over_a_recording(folder: Path) -> 
     for rows in drive.stretches():
         start = (apart.pose[rows.start], apart.twist[rows.start], float(apart.kinematic[rows.start, 3]))
         if under_way is None:
-            under_way = CarUnderWay(unknown, *start)
+            under_way = AdaptedCar(unknown).begin(*start)
         else:
             gap_s = float(apart.time_s[rows.start] - apart.time_s[rows.start - 1])
             under_way.restart(start[0], gap_s, start[1], start[2])
@@ -185,7 +185,7 @@ def test_on_line_the_filter_does_what_it_does_over_a_recording(folder: Path) -> 
     np.testing.assert_allclose(track.covariance, under_way.covariance, rtol=1e-9)
     assert abs(track.covariance[0, 1]) > 0.0
     # another drive begins with all that was known at the end of the last
-    np.testing.assert_array_equal(CarUnderWay(replace(whole, track=track)).covariance, track.covariance)
+    np.testing.assert_array_equal(AdaptedCar(replace(whole, track=track)).begin().covariance, track.covariance)
     assert under_way.names == ("mass", "steering_offset")
     assert under_way.model().car.m == pytest.approx(car.car.m * under_way.values[0])
     assert np.hypot(*(under_way.pose - apart.pose[-1])[:2]) < 0.05

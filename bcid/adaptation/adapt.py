@@ -20,6 +20,8 @@ from bcid.adaptation.filter import (
     Knowledge,
     assume_noise,
     compile_filter,
+    forget,
+    share_forgotten,
     start_filter,
 )
 from bcid.adaptation.filter_run import run_filter
@@ -99,6 +101,11 @@ class Adaptation:
     noise: FilterNoise
     drive: MeasuredDrive
     track: Track
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The quantities that are followed."""
+        return tuple(quantity.name for quantity in self.quantities)
 
     def model_at(self, row: int) -> AugmentedNewtonEuler:
         """The car as it is known at a row of the estimate."""
@@ -185,8 +192,9 @@ def filter_drive(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredD
         kept = np.exp(-(time_s[rows.stop :, None] - time_s[ended]) / noise.forget_s)
         sd[rows.stop :] = np.sqrt(kept * np.maximum(np.diag(P_q), 0.0) + (1.0 - kept) * P_0)
         total += run.log_likelihood
-    left = math.exp(-(time_s[-1] - time_s[ended]) / noise.forget_s)
-    return Track(values, sd, innovation, total, left * P_q + (1.0 - left) * np.diag(P_0))
+    covariance = P_q.copy()
+    forget(covariance, P_0, share_forgotten(float(time_s[-1] - time_s[ended]), noise))
+    return Track(values, sd, innovation, total, covariance)
 
 
 def tune_noise(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredDrive, forget_s: float) -> FilterNoise:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,6 +21,49 @@ AT_REST = (0.0, 0.0, 0.0)
 POSE_STATES = ("p_x", "p_y", "theta")
 
 
+@dataclass(frozen=True)
+class AdaptedCar:
+    """A car of which k constants were followed over a recording, and can be followed further."""
+
+    adaptation: Adaptation
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The quantities that were followed."""
+        return self.adaptation.names
+
+    @property
+    def time_s(self) -> Floats:
+        """Times (K,) in s of the recording."""
+        return self.adaptation.drive.estimate.time_s
+
+    @property
+    def values(self) -> Floats:
+        """The quantities (K, k) as they were known at each time: factors, or parameters of effects in SI units."""
+        return self.adaptation.track.values
+
+    @property
+    def sd(self) -> Floats:
+        """The standard deviations (K, k) of the quantities."""
+        return self.adaptation.track.sd
+
+    def begin(
+        self, pose: Sequence[float] = AT_REST, twist: Sequence[float] = AT_REST, delta: float = 0.0, gap_s: float = 0.0
+    ) -> CarUnderWay:
+        """Go on with what is known at the recording's end: on line, a command and a pose after the other.
+
+        Args:
+            pose: where the tracked point is: x, y (m) and yaw (rad).
+            twist: how it moves: v_x, v_y (m/s) and yaw rate (rad/s).
+            delta: the steering angle (rad).
+            gap_s: the time (s) since the recording's end, over which what was learnt fades.
+
+        Raises:
+            UsageError: these are no numbers, or not as many, or the gap is below zero.
+        """
+        return CarUnderWay(self.adaptation, pose, twist, delta, gap_s)
+
+
 class CarUnderWay:
     """The filter of an adaptation, under way on another drive or further on the same one.
 
@@ -27,16 +71,9 @@ class CarUnderWay:
     """
 
     def __init__(
-        self, adaptation: Adaptation, pose: Sequence[float] = AT_REST, twist: Sequence[float] = AT_REST,
-        delta: float = 0.0, gap_s: float = 0.0,
-    ) -> None:  # fmt: skip
-        """Begin some `gap_s` (s) after the recording's end.
-
-        `pose` (m, m, rad) and `twist` (m/s, m/s, rad/s) are of the tracked point, `delta` (rad) is the steering angle.
-
-        Raises:
-            UsageError: these are no numbers, or not as many, or the gap is below zero.
-        """
+        self, adaptation: Adaptation, pose: Sequence[float], twist: Sequence[float], delta: float, gap_s: float
+    ) -> None:
+        """Begin as `AdaptedCar.begin` says."""
         self.adaptation = adaptation
         self._begin(pose, twist, delta, adaptation.track.values[-1], adaptation.track.covariance, gap_s)
 
@@ -74,7 +111,7 @@ class CarUnderWay:
     @property
     def names(self) -> tuple[str, ...]:
         """The quantities that are followed."""
-        return tuple(quantity.name for quantity in self.adaptation.quantities)
+        return self.adaptation.names
 
     @property
     def values(self) -> Floats:

@@ -16,8 +16,11 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from bcid.documents.pool import PoolDocument
+    from bcid.evaluation.seen_takes import TakeSteps
     from bcid.fleet.attempts import Attempt
     from bcid.fleet.pool_recordings import FittedRecording
+    from bcid.fleet.pooled_car import PooledCar
+    from bcid.pipeline.config import PipelineConfig
 
 RESULT, MODEL = "pool.json", "pooled"
 
@@ -50,14 +53,11 @@ def pool(
 ) -> None:  # fmt: skip
     """Fit one car to many recordings, and say how its load, motor, grip or drag differ from one to the next."""
     from bcid.cli.sink import Sink
-    from bcid.evaluation.seen_takes import FILE_NAME as SEEN_TAKES
-    from bcid.evaluation.seen_takes import save_seen_takes
-    from bcid.fleet.pool_recordings import describe_pool, fit_recordings, save_pooled_model
+    from bcid.fleet.pool_recordings import describe_pool, fit_recordings
     from bcid.fleet.pooled_car import pool_car
-    from bcid.models.saving import FILES
     from bcid.pipeline.named_models import MODEL_FILES, MODELS_FOLDER
     from bcid.pipeline.run import Pipeline
-    from bcid.store.receipt import refuse_to_renew, renew_results
+    from bcid.store.receipt import refuse_to_renew
 
     sink, workers = Sink(format), options.choose_workers(jobs, dask)
     config = options.read_config(
@@ -84,19 +84,7 @@ def pool(
         document = describe_pool(
             pooled, list(fitted.values()), [list(fitted).index(path) for path in compared], work.vehicle
         )
-    for file in MODEL_FILES:
-        # with --force: what is said there of another model is not true of this one
-        if file not in (FILES[0], SEEN_TAKES):
-            (home / file).unlink(missing_ok=True)
-    seen = [work.takes.steps(path) for path in fitted]
-    writers = {
-        RESULT: document.write,
-        f"{MODELS_FOLDER}/{MODEL}/{FILES[0]}": lambda path: save_pooled_model(
-            pooled, config.estimate.period_s, path.parent
-        ),
-        f"{MODELS_FOLDER}/{MODEL}/{SEEN_TAKES}": lambda path: save_seen_takes(seen, path.parent),
-    }
-    renew_results(config.workspace, writers, force)
+    _write_results(document, pooled, [work.takes.steps(path) for path in fitted], config, force)
     sink.result(document.as_json(), lambda: _tables(document))
     sink.note(f"the car of all: {home}\nwritten to: {config.workspace / RESULT}")
     try:
@@ -105,6 +93,31 @@ def pool(
         lost.append(str(part))
     if lost:
         raise PartLost("\n".join([f"{len(made) - len(fitted)} of {len(paths)} recordings are not pooled", *lost]))
+
+
+def _write_results(
+    document: PoolDocument, pooled: PooledCar, seen: Sequence[TakeSteps], config: PipelineConfig, force: bool
+) -> None:
+    """Write pool.json, and the car of all as a model, made from the takes `seen`; with `force` over anything."""
+    from bcid.evaluation.seen_takes import FILE_NAME as SEEN_TAKES
+    from bcid.evaluation.seen_takes import save_seen_takes
+    from bcid.fleet.pool_recordings import save_pooled_model
+    from bcid.models.saving import FILES
+    from bcid.pipeline.named_models import MODEL_FILES, MODELS_FOLDER
+    from bcid.store.receipt import renew_results
+
+    for file in MODEL_FILES:
+        # with --force: what is said there of another model is not true of this one
+        if file not in (FILES[0], SEEN_TAKES):
+            (config.workspace / MODELS_FOLDER / MODEL / file).unlink(missing_ok=True)
+    writers = {
+        RESULT: document.write,
+        f"{MODELS_FOLDER}/{MODEL}/{FILES[0]}": lambda path: save_pooled_model(
+            pooled, config.estimate.period_s, path.parent
+        ),
+        f"{MODELS_FOLDER}/{MODEL}/{SEEN_TAKES}": lambda path: save_seen_takes(seen, path.parent),
+    }
+    renew_results(config.workspace, writers, force)
 
 
 def _refuse_to_pool(made: Mapping[Path, Attempt[FittedRecording]], compared: Sequence[Path]) -> None:

@@ -122,7 +122,8 @@ class Cluster:
         # one that is gone again cannot be asked; an error of one that is there is that of a worker without this package
         there = self._client.nthreads()
         digests = {worker: answer for worker, answer in answers.items() if worker in there}
-        others = sorted(worker for worker, digest in digests.items() if digest != package_digest())
+        own = package_digest()
+        others = sorted(worker for worker, digest in digests.items() if digest != own)
         if others:
             raise UsageError(
                 f"--dask {self.address}: {', '.join(others)} run other code of bcid than this process\n"

@@ -24,6 +24,7 @@ from bcid.effects.own_laws import call_law
 from bcid.effects.table import ENTRIES
 from bcid.errors import UsageError
 from bcid.export.formulas import (
+    CENTRE_OF_GRAVITY,
     COMMANDS,
     POSE,
     START,
@@ -47,7 +48,7 @@ from bcid.models.newton_euler.augmented_step import (
 )
 from bcid.physics.car import Car
 
-BODY = tuple(q._replace(meaning=f"{q.meaning}, of the centre of gravity") for q in (*POSE, *TWIST))
+BODY = tuple(q._replace(meaning=f"{q.meaning}, of the {CENTRE_OF_GRAVITY}") for q in (*POSE, *TWIST))
 LAGS = (
     Variable("alpha_f", "rad", "lagging slip angle of the front wheel"),
     Variable("F_mf", "N", "lagging motor force at a front wheel"),

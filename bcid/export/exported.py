@@ -9,15 +9,13 @@ from bcid.errors import UsageError
 from bcid.evaluation.validity import ModelValidity
 from bcid.export.augmented_formulas import drifts, has_time, leave_out_measurement, trace_augmented
 from bcid.export.commands import commands_of
-from bcid.export.formulas import TWIST, StepFormulas, Variable
+from bcid.export.formulas import CENTRE_OF_GRAVITY, TWIST, StepFormulas, Variable
 from bcid.export.model_formulas import TRACED
 from bcid.export.names import check_name
 from bcid.export.reference_drive import ReferenceDrive, drive_for_reference
 from bcid.models.interface import Model
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.with_remainder import NewtonEulerWithRemainder
-
-CENTRE_OF_GRAVITY = "centre of gravity"
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,8 @@ COMMANDS = (
         "u_m", "", "throttle: a reference speed in m/s, or a share of full force; below zero it brakes or reverses"
     ),
 )
+CENTRE_OF_GRAVITY = "centre of gravity"
+"""The point that quantities are of where their meaning says so."""
 TWIST = (
     Variable("v_x", "m/s", "velocity ahead"),
     Variable("v_y", "m/s", "velocity to the left"),

@@ -15,9 +15,9 @@ from bcid.errors import InputRefused, Problems
 from bcid.evaluation.validity import QUANTITIES
 from bcid.export.check import Checked
 from bcid.export.commands import steering_limit_of
-from bcid.export.exported import CENTRE_OF_GRAVITY, Exported
+from bcid.export.exported import Exported
 from bcid.export.formats import FORMATS, Files
-from bcid.export.formulas import Variable
+from bcid.export.formulas import CENTRE_OF_GRAVITY, Variable
 from bcid.files.outputs import MayReplace, staged_outputs
 
 

@@ -7,11 +7,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bcid.errors import InputRefused
-from bcid.recording.formats.detect import detect_format
+from bcid.recording.formats.detect import COMMANDS_ENDING, detect_format
 from bcid.recording.formats.rosbag import BAG_METADATA
 
-COMMANDS_SUFFIX = ".commands.csv"
-"""How the names of commands files end, which belong to the recordings beside them."""
 RECORDING_SUFFIXES = (".mcap", ".csv", ".parquet", ".db3", ".bag")
 """How recordings are called: a file of such a name that cannot be read as one is damaged, and not something else."""
 
@@ -51,7 +49,7 @@ def find_logs(paths: Sequence[Path], labels: Path | None = None) -> FoundLogs:
 def _is_left_out(path: Path, labels: Path | None) -> bool:
     """Whether something in a folder of logs is hidden, a commands file, or the table `labels`."""
     is_labels = labels is not None and path.resolve() == labels.resolve()
-    return path.name[0] == "." or path.name.endswith(COMMANDS_SUFFIX) or is_labels
+    return path.name[0] == "." or path.name.endswith(COMMANDS_ENDING) or is_labels
 
 
 def _is_bag(path: Path) -> bool:

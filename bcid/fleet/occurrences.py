@@ -70,7 +70,7 @@ def find_occurrences(logs: Sequence[LogEvidence], days: Sequence[int], cars: Seq
         known = {name for found in explained for name in found.names}
         ratios = {name: _log_ratios(logs, name, explained) for name in effects if name not in known}
         found = sorted((weigh(name, ratio) for name, ratio in ratios.items()), key=lambda o: -o.nats)
-        if not found or len(_limit_false([*occurrences, found[0]])) == len(occurrences):
+        if not found or not _are_few_false([*occurrences, found[0]]):
             break
         best, *rest = found
         near = [o.effect for o in rest if o.nats > best.nats - LIMITS.twin_nats]
@@ -83,7 +83,7 @@ def find_occurrences(logs: Sequence[LogEvidence], days: Sequence[int], cars: Seq
         ]
         occurrences = [one._replace(twins=old.twins) for one, old in zip(anew, occurrences, strict=True)]
         occurrences.sort(key=lambda o: -o.nats)
-        if len(_limit_false(occurrences)) == len(occurrences):
+        if _are_few_false(occurrences):
             return occurrences
         # the least certain alone: without it the others may stand
         occurrences.pop()
@@ -101,11 +101,10 @@ def _explain(occurrences: Iterable[Occurrence]) -> list[ExplainedLogs]:
     return [ExplainedLogs(frozenset((one.effect, *one.twins)), one.in_logs) for one in occurrences]
 
 
-def _limit_false(occurrences: Sequence[Occurrence]) -> list[Occurrence]:
-    """The first of `occurrences`, as many as leave the expected share of false ones at `LIMITS.false_share`."""
+def _are_few_false(occurrences: Sequence[Occurrence]) -> bool:
+    """Whether of `occurrences`, and of each first few, at most `LIMITS.false_share` are expected to be false."""
     expected_false = np.cumsum([1.0 - one.probability for one in occurrences])
-    beyond = np.flatnonzero(expected_false > LIMITS.false_share * np.arange(1, len(occurrences) + 1))
-    return list(occurrences[: beyond[0]] if len(beyond) else occurrences)
+    return bool(np.all(expected_false <= LIMITS.false_share * np.arange(1, len(occurrences) + 1)))
 
 
 def _group_logs(cars: Sequence[str]) -> list[Ints]:

@@ -28,6 +28,8 @@ from bcid.recording.saving import load_recording
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
+REPORT_FIT = "fit this one by `bcid fit --model newton-euler --loss poses` with BCID_TRACEBACK=1, and report it"
+
 
 class FittedRecording(NamedTuple):
     """One recording's part in a pool."""
@@ -63,7 +65,7 @@ def fit_recordings(
         if estimated is None:
             return partial(Attempt, None, problems)
         fit = partial(_fit_saved_recording, *estimated, work.vehicle, work.names[path])
-        return partial(attempt, f"fit {work.names[path]}", fit)
+        return partial(attempt, f"fit {work.names[path]}", fit, REPORT_FIT)
 
     def lose(path: Path) -> Attempt[FittedRecording]:
         return Attempt(None, [describe_lost_process(f"fit {work.names[path]}")])

@@ -11,13 +11,11 @@ from bcid.recording.checks.limits import AGREEMENT as LIMITS
 from bcid.recording.checks.steering_verdict import judge_steering
 from bcid.recording.checks.turning import prepare_turning
 from bcid.recording.checks.verdict import FOREIGN
-from bcid.recording.formats.detect import detect_format
+from bcid.recording.formats.detect import COMMANDS_ENDING, detect_format
 from bcid.recording.formats.rosbag import BAG_METADATA
 from bcid.recording.read import read_raw_take
 from bcid.recording.types import Irregularity, Recording, Stream, command_source_path
 from bcid.vehicle import Vehicle
-
-COMMANDS_ENDING = ".commands.csv"
 
 
 def find_fitting_commands(path: Path, recording: Recording, vehicle: Vehicle) -> Path | None:

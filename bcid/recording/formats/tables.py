@@ -10,6 +10,7 @@ from bcid.aliases import Bools, Floats
 from bcid.errors import InputRefused, Problems, UsageError
 from bcid.mapping import Columns
 from bcid.recording.formats.commands_file import TakeStart, read_commands_file
+from bcid.recording.formats.detect import COMMANDS_ENDING
 from bcid.recording.formats.floor import mapped_poses_on_floor
 from bcid.recording.formats.logged_table import read_logged_table
 from bcid.recording.formats.raw import RawTake, identify_file, map_field, raw_field_names
@@ -128,7 +129,7 @@ def read_table(path: Path, vehicle: Vehicle, commands: Path | None = None) -> Ra
         raise InputRefused(path, "vehicle file", cause, step)
     if columns.command_fields:
         # a file that merely lies beside the table was not asked for
-        if commands is not None and commands != path.with_suffix(".commands.csv"):
+        if commands is not None and commands != path.with_suffix(COMMANDS_ENDING):
             raise UsageError(f"--commands {commands}: {path.name} holds its own commands\n  next: leave --commands out")
         return _read_rows(path, columns, vehicle)[0]
     if commands is None:
