@@ -220,6 +220,17 @@ def test_one_odd_segment_makes_no_name(alone: float, stays: bool, monkeypatch: p
     assert named_effects(rest.named) == (A if stays else ())
 
 
+@pytest.mark.parametrize(("gain", "stays"), [(30.0, True), (18.0, False)])
+def test_the_share_of_one_segment_does_not_count_beside_a_remainder_either(
+    gain: float, stays: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A segment in which the base model is lost shows a law as much as others do, once a remainder follows it."""
+    plain, alone, left = 400.0, 160.0, 30.0  # so that three fifths count, of which 12 nats must be exceeded
+    looking, _ = keeping(monkeypatch, {A: plain, (): 0.0}, {A: left, (): plain + left - gain})
+    kept = keep_names(looking, beside(fit(plain, *A, each=(alone, 1.0)), left)).gains
+    assert kept == ({"yaw_scrub": gain} if stays else {})
+
+
 @pytest.mark.parametrize(("share", "stays"), [(1.1, True), (0.9, False)])
 def test_a_name_must_add_more_than_evidence_without_it_is_converged_to(
     share: float, stays: bool, monkeypatch: pytest.MonkeyPatch

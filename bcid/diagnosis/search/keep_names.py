@@ -86,21 +86,21 @@ def _weakest_first(rest: RemainderFit) -> list[str]:
 def _judge(state: SearchState, rest: RemainderFit, name: str) -> Judged:
     """What a name adds, against one thing after another in its place, until it falls short.
 
-    Against nothing it must add the gate beyond what one segment adds alone, as a single odd one is no law.  Against a
-    remainder, which is found from nothing and then from that beside the name, and against copies of laws it must add
-    `_least_beside`.  The fit without it begins at the fit with it: what was found before may be a lesser maximum.
+    A single odd segment is no law: the share of the name's gain that the segment with most of it makes up, with nothing
+    in its place, counts in no comparison.  The rest must exceed the gate against nothing, and `_least_beside` against
+    a remainder, which is found from nothing and then from that beside the name, and against copies of laws.  The fit
+    without it begins at the fit with it: what was found before may be a lesser maximum.
     """
     others = tuple(n for n in rest.named.hypothesis.effects if n != name)
     fit = state.keep_likeliest(refit_with_effects(rest.named, state.take, others))
-    alone = max(float(np.max(rest.named.per_segment - fit.per_segment)), 0.0)
-    plain, least = gain_nats(rest.named, fit), state.gate + alone
-    less = Lesser(fit, state.beside_remainder(fit))
-    if plain <= least:
-        return Judged(plain, plain - least, plain - least, less)
+    plain, less = gain_nats(rest.named, fit), Lesser(fit, state.beside_remainder(fit))
+    counted = _counted_share(rest.named, fit)
+    alone = plain - state.gate / counted if counted else -np.inf
+    if alone <= 0.0:
+        return Judged(plain, alone, alone, less)
 
     def judge(less: Lesser, gain: float) -> Judged:
-        beside = gain - _least_beside(state, rest, less, least)
-        return Judged(gain, plain - least, min(plain - least, beside), less)
+        return Judged(gain, alone, min(alone, gain - _least_beside(state, rest, less) / counted), less)
 
     judged = judge(less, min(plain, rest.log_evidence - less.weighed.log_evidence))
     if judged.surplus > 0.0 and len(rest.on):
@@ -112,17 +112,24 @@ def _judge(state: SearchState, rest: RemainderFit, name: str) -> Judged:
     return judged
 
 
-def _least_beside(state: SearchState, rest: RemainderFit, less: Lesser, plain: float) -> float:
-    """Nats that a name must add to a remainder in its place, `plain` being what it must without one.
+def _counted_share(fit: Fit, less: Fit) -> float:
+    """The share of what `fit` gains over `less` that is not of the segment with most of it; zero if it gains nothing."""
+    gain = gain_nats(fit, less)
+    largest = max(float(np.max(fit.per_segment - less.per_segment)), 0.0)
+    return max(1.0 - largest / gain, 0.0) if gain > 0.0 else 0.0
 
-    They are the share of what all names leave that smooth functions cannot follow, and the share of the remainder in
-    its place to which that is converged.  But where all names leave hardly more than such a share of what the remainder
-    in its place explains, the two are explanations of the same: the name, which is one law, need only be likelier by
-    the odds that tell rivals apart.
+
+def _least_beside(state: SearchState, rest: RemainderFit, less: Lesser) -> float:
+    """Nats that a name must add to a remainder in its place.
+
+    They are those that it must add to nothing, the share of what all names leave that smooth functions cannot follow,
+    and the share of the remainder in its place to which that is converged.  But where all names leave hardly more than
+    such a share of what the remainder in its place explains, the two are explanations of the same: the name, which is
+    one law, need only be likelier by the odds that tell rivals apart.
     """
     left, instead = state.with_copies(rest, CHANNELS).nats, less.weighed.nats
     explains_as_much = left < SEARCH_LIMITS.remainder_error * instead
-    beside = JUDGE_LIMITS.rival_nats if explains_as_much else max(plain, state.required_nats(left))
+    beside = JUDGE_LIMITS.rival_nats if explains_as_much else state.required_nats(left)
     return max(beside, SEARCH_LIMITS.converged_share * instead)
 
 
