@@ -8,14 +8,13 @@ import pytest
 from concealed import concealing, record_case
 
 from bcid.diagnosis.diagnose import fit_base_model
-from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.search import name_search, refits
 from bcid.diagnosis.search.name_search import name_effects
 from bcid.diagnosis.search.refits import (
+    REFITTED,
     _sizes_beside_simulation,
     estimates_by_symbol,
     gain_nats,
-    rank_fits,
     refit_from_large_sizes,
     refit_from_simulation,
 )
@@ -45,8 +44,9 @@ def test_a_large_effect_is_found_beside_a_simulation_as_it_is_given() -> None:
     known, (base, take) = concealing(60.0)[0], concealing(60.0, steering_delay=0.12)
     given = evaluate_fixed(take, base.hypothesis, base.hypothesis.phi_of(known.car()), base.scales)
     found = refit_from_simulation(given, base, take, ())
-    assert len(found) == SEARCH_LIMITS.max_candidates
-    best = rank_fits(found)[0]
+    assert len(found) == REFITTED
+    best = found[0]
+    assert gain_nats(best, found[1]) >= 0.0
     (tau,) = estimates_by_symbol(best, "steering_delay").values()
     assert tau[0] == pytest.approx(0.12, abs=0.01)
     assert gain_nats(best, base) > 20.0

@@ -113,7 +113,7 @@ def _judge(state: SearchState, rest: RemainderFit, name: str) -> Judged:
 
 
 def _counted_share(fit: Fit, less: Fit) -> float:
-    """The share of what `fit` gains over `less` that is not of the segment with most of it; zero if it gains nothing."""
+    """The share of what `fit` gains over `less` that is not of the segment with most of it; zero without a gain."""
     gain = gain_nats(fit, less)
     largest = max(float(np.max(fit.per_segment - less.per_segment)), 0.0)
     return max(1.0 - largest / gain, 0.0) if gain > 0.0 else 0.0

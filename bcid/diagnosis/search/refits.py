@@ -6,12 +6,14 @@ from functools import partial
 
 import numpy as np
 
+from bcid.aliases import Floats
 from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.search.screen import CandidateEffect, sharpen_places
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.entry import Effect, Parameter
 from bcid.effects.table import EFFECTS, ENTRIES, effect_ids
 from bcid.likelihood.divergence import map_converged, none_if_diverged
+from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.refit import Fit, log_likelihood_along, refit
 from bcid.likelihood.refit_state import Effort
 from bcid.likelihood.score_test import replace_value
@@ -27,7 +29,7 @@ ABSORBED_BY_BASE_MODEL = (
 
 NEAR_FIT, NEAR_PUBLISHED = 1.0, 1.6
 """Multiples of their declared sizes from which those effects are refitted: beside the fit, and beside what was known
-before it, a published simulation or the nominal car.  On every PART_STRIDE-th segment first."""
+before it, a published simulation or the nominal car."""
 
 MULTIPLES_BESIDE_SIMULATION = (1.0, 4.0)
 """Multiples of its declared size at which an effect is tried beside a simulation as it is given."""
@@ -36,6 +38,10 @@ FAR = Effort(tangents=12, iterations=10)
 """Where a start is far from any maximum."""
 
 PART_STRIDE = 4
+"""Refits from large sizes are compared on every so many segments."""
+
+REFITTED = 2
+"""Of the refits from a simulation as it is given, those that are made on the whole take."""
 
 
 def gain_nats(fit: Fit, over: Fit) -> float:
@@ -63,24 +69,16 @@ def refit_from_large_sizes(fit: Fit, take: Take, excluded: Sequence[str]) -> lis
     """The joint refit with the best of the effects in ABSORBED_BY_BASE_MODEL, in a list; empty if all diverge.
 
     Refitted base parameters imitate these effects, as a weak motor does a dead zone, so that no score test near `fit`
-    shows them.  Refits from large sizes are compared on every PART_STRIDE-th segment; that of greatest penalised
-    log-likelihood is refitted on the whole take.
+    shows them.
     """
-    chosen = np.arange(0, take.segments, PART_STRIDE)
-    part, starts, h = take.part(chosen), [], fit.hypothesis
+    starts, h = [], fit.hypothesis
     published = h.prior(h.phi_of(h.nominal, list(h.effect_values(fit.phi).values()))).centre
     for name, (size, near) in itertools.product(
         ABSORBED_BY_BASE_MODEL, ((NEAR_FIT, fit.phi), (NEAR_PUBLISHED, published))
     ):
-        if name not in h.entries or name in h.effects or name in excluded:
-            continue
-        more, phi = h.add_effect(name, near, [size * p.size for p in h.entries[name].parameters])
-        starts.append((part, more, phi, fit.start[chosen], fit.scales))
-    far = partial(refit, effort=FAR)
-    best = max(map_converged(far, starts), key=lambda f: f.penalised_log_likelihood, default=None)
-    if best is None:
-        return []
-    return list(map_converged(refit, [(take, best.hypothesis, best.phi, fit.start, fit.scales)]))
+        if name in h.entries and name not in h.effects and name not in excluded:
+            starts.append(h.add_effect(name, near, [size * p.size for p in h.entries[name].parameters]))
+    return _refit_likeliest(fit, take, starts, 1)
 
 
 def refit_from_simulation(given: Fit, corrected: Fit, take: Take, excluded: Sequence[str]) -> list[Fit]:
@@ -94,8 +92,20 @@ def refit_from_simulation(given: Fit, corrected: Fit, take: Take, excluded: Sequ
     h = corrected.hypothesis
     phi = h.phi_at(given.car(), h.effect_values(corrected.phi) | given.hypothesis.effect_values(given.phi))
     tried = _effects_beside_simulation(given, take, (*excluded, *h.effects))[: SEARCH_LIMITS.max_candidates]
-    starts = [(take, *h.add_effect(name, phi, values), given.start, given.scales) for name, values in tried]
-    return list(map_converged(refit, starts))
+    return _refit_likeliest(given, take, [h.add_effect(name, phi, values) for name, values in tried], REFITTED)
+
+
+def _refit_likeliest(fit: Fit, take: Take, starts: Iterable[tuple[Hypothesis, Floats]], most: int) -> list[Fit]:
+    """The refits that are likeliest of those from `starts` (hypotheses and their phi), `most` at most, best first.
+
+    They are compared by refits on every PART_STRIDE-th segment, at a quarter of the work, and begin with the initial
+    states and scales of `fit`.  Those with an effect at a bound of its size, and those that diverge, are left out.
+    """
+    chosen, far = np.arange(0, take.segments, PART_STRIDE), partial(refit, effort=FAR)
+    part = take.part(chosen)
+    compared = map_converged(far, [(part, h, phi, fit.start[chosen], fit.scales) for h, phi in starts])
+    best = rank_credible_fits(compared, part)[:most]
+    return rank_fits(map_converged(refit, [(take, f.hypothesis, f.phi, fit.start, fit.scales) for f in best]))
 
 
 def _effects_beside_simulation(given: Fit, take: Take, excluded: Sequence[str]) -> list[tuple[str, list[float]]]:
