@@ -14,7 +14,7 @@ from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused
 from bcid.fleet.labels import LogLabel, label_logs
 from bcid.fleet.log_evidence import LogEvidence
-from bcid.fleet.moved import fit_days, reject_at_false_share
+from bcid.fleet.moved import _Design, fit_days, reject_at_false_share
 from bcid.fleet.occurrences import Occurrence, find_occurrences
 from bcid.fleet.together import DiagnosedLog, diagnose_together
 from bcid.report.fleet_page import write_fleet_page
@@ -275,6 +275,21 @@ def test_a_day_on_which_another_car_drove_is_not_compared() -> None:
         fit_days(x[4:], np.full(8, 0.01), DAYS[4:], cars[4:]) is None
         or not fit_days(x[4:], np.full(8, 0.01), DAYS[4:], cars[4:]).changes
     )  # type: ignore[union-attr]
+
+
+def test_degrees_of_freedom_are_those_of_the_whole_matrices() -> None:
+    """The trace of the square of P = W - W X C X' W, of which no more than a column for each car and day is formed."""
+    rng = np.random.default_rng(3)
+    cars = [*"aabbccaabbcc"]
+    X = np.array([[c == "a", c == "b", c == "c", day == 1, day == 2] for c, day in zip(cars, DAYS, strict=True)], float)
+    se, tau = rng.uniform(0.01, 0.1, len(DAYS)), 0.05
+    W = np.diag(1.0 / (tau**2 + se**2))
+    C = np.linalg.inv(X.T @ W @ X)
+    P = W - W @ X @ C @ X.T @ W
+    delta = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
+    V, slope = delta @ C @ delta, np.sum((delta @ C @ X.T @ W) ** 2)
+    found = _Design(rng.normal(size=len(DAYS)), se, X).estimate(delta, 2, tau, np.inf)
+    assert found.freedom == pytest.approx(2.0 * V**2 / (slope**2 * 2.0 / np.trace(P @ P)), rel=1e-9)
 
 
 def test_too_few_logs_for_a_comparison_give_none() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import errno
+import time
+from collections.abc import Callable, Sequence
 from typing import Generic, NamedTuple, TypeVar
 
 from bcid.documents.fleet import LogProblem
@@ -12,6 +14,14 @@ from bcid.execution.jobs import ProcessLost
 Result = TypeVar("Result")
 REPORT_IT = "run this log alone with BCID_TRACEBACK=1 and report it"
 LOST = "its process died each time that it was tried: out of memory, or killed"
+PASSING = frozenset(
+    getattr(errno, name)
+    for name in ("EAGAIN", "EBUSY", "EINTR", "EIO", "ESTALE", "ETIMEDOUT", "ECONNRESET", "EHOSTUNREACH", "ENETUNREACH")
+    if hasattr(errno, name)
+)
+"""Errors of a disk, or of a folder on another machine, that may be over a moment later."""
+WAITS_S = (1.0, 5.0)
+"""Before a step is done anew that failed by such an error."""
 FEWER_JOBS = "give it fewer --jobs (or each machine of a cluster fewer workers), or look into the system's log"
 
 
@@ -26,17 +36,33 @@ class Attempt(NamedTuple, Generic[Result]):
     problems: list[LogProblem]
 
 
-def attempt(stage: str, step: Callable[[], Result], if_internal: str = REPORT_IT) -> Attempt[Result]:
+def attempt(
+    stage: str, step: Callable[[], Result], if_internal: str = REPORT_IT, waits_s: Sequence[float] = WAITS_S
+) -> Attempt[Result]:
     """Do a step whose failure must not end the others; a lock is no failure, as it is come back to.
 
-    `if_internal` is the next step after an error that is none of the input.
+    What may be over a moment later, as where a shared folder is away, is tried again after each of `waits_s`; a step
+    must be one that may be done twice.  `if_internal` is the next step after an error that is none of the input.
     """
     try:
         return Attempt(step(), [])
     except TakeLocked:
         raise
     except Exception as error:  # whatever one log does to the program, the others go on
-        return Attempt(None, [LogProblem(stage=stage, error=type(error).__name__, text=_describe(error, if_internal))])
+        if not (waits_s and _may_pass(error)):
+            text = _describe(error, if_internal)
+            return Attempt(None, [LogProblem(stage=stage, error=type(error).__name__, text=text)])
+    time.sleep(waits_s[0])
+    return attempt(stage, step, if_internal, waits_s[1:])
+
+
+def _may_pass(error: BaseException | None) -> bool:
+    """Whether an error, or one that it was raised from, may be over a moment later."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in PASSING:
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def describe_lost_process(stage: str) -> LogProblem:

@@ -91,10 +91,17 @@ class _Design(NamedTuple):
         V = float(contrast @ covariance @ contrast)
         # of V by tau^2: each log's variance counts by its weight squared
         slope = float(np.sum((contrast @ by_log) ** 2))
-        P = np.diag(weights) - (weights[:, None] * self.X) @ by_log
-        variance_of_tau2 = 2.0 / float(np.sum(P * P.T))
+        variance_of_tau2 = 2.0 / self._information(covariance, weights)
         freedom = 2.0 * V**2 / (slope**2 * variance_of_tau2)
         return Contrast(day, float(contrast @ b), float(np.sqrt(V)), float(np.clip(freedom, 1.0, most_freedom)))
+
+    def _information(self, covariance: Floats, weights: Floats) -> float:
+        """The trace of P^2, P = W - W X C X' W, which is twice the information of tau^2: linear in the number of logs.
+
+        W are the `weights`, C the `covariance` of mu and Delta.
+        """
+        squared, cubed = (covariance @ (self.X.T * weights**power) @ self.X for power in (2, 3))
+        return float(np.sum(weights**2) - 2.0 * np.trace(cubed) + np.sum(squared * squared.T))
 
 
 def fit_days(values: Floats, se: Floats, days: Sequence[int], cars: Sequence[str]) -> DayModel | None:

@@ -1,0 +1,83 @@
+"""Steps of a fleet that fail: what may be over a moment later is tried again, what is an answer is not."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable, Sequence
+
+import pytest
+
+from bcid.errors import InputRefused
+from bcid.fleet import attempts
+from bcid.fleet.attempts import WAITS_S, TakeLocked, attempt
+
+
+def stale() -> OSError:
+    return OSError(errno.ESTALE, "Stale file handle", "/far/log.csv")
+
+
+def unreadable(because: OSError) -> InputRefused:
+    refused = InputRefused("log.csv", "", "it cannot be read", "look at the disk")
+    refused.__cause__ = because
+    return refused
+
+
+def failing(errors: Sequence[Exception]) -> tuple[Callable[[], str], list[int]]:
+    """A step that raises one error after the other, and then gives "done"; how often it was tried."""
+    left, tried = list(errors), list[int]()
+
+    def step() -> str:
+        tried.append(len(tried))
+        if left:
+            raise left.pop(0)
+        return "done"
+
+    return step, tried
+
+
+@pytest.fixture
+def waited(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The seconds that were waited for, none of which pass."""
+    seconds = list[float]()
+    monkeypatch.setattr(attempts.time, "sleep", seconds.append)
+    return seconds
+
+
+@pytest.mark.parametrize("errors", [[stale()], [unreadable(stale()), stale()]])
+def test_a_folder_that_is_away_for_a_moment_costs_no_log(errors: list[Exception], waited: list[float]) -> None:
+    step, _ = failing(errors)
+    assert attempt("ingest", step) == ("done", [])
+    assert waited == [*WAITS_S][: len(errors)]
+
+
+def test_one_that_stays_away_is_a_problem_with_a_next_step(waited: list[float]) -> None:
+    step, tried = failing([stale()] * 9)
+    result, (problem,) = attempt("ingest", step)
+    assert result is None
+    assert (problem.stage, problem.error) == ("ingest", "OSError")
+    assert "/far/log.csv: Stale file handle" in problem.text
+    assert "next: " in problem.text
+    assert (len(tried), waited) == (1 + len(WAITS_S), [*WAITS_S])
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        FileNotFoundError(errno.ENOENT, "No such file or directory", "log.csv"),
+        PermissionError(errno.EACCES, "Permission denied", "log.csv"),
+        OSError(errno.ENOSPC, "No space left on device", "workspace"),
+        InputRefused("log.csv", "line 3", "no number", "mend it"),
+        ZeroDivisionError(),
+    ],
+)
+def test_what_would_fail_again_is_not_tried_again(error: Exception, waited: list[float]) -> None:
+    step, tried = failing([error])
+    assert attempt("ingest", step).result is None
+    assert (len(tried), waited) == (1, [])
+
+
+def test_a_lock_is_left_to_whoever_comes_back(waited: list[float]) -> None:
+    step, tried = failing([TakeLocked("at work")])
+    with pytest.raises(TakeLocked):
+        attempt("ingest", step)
+    assert (len(tried), waited) == (1, [])
