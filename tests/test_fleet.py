@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,8 +18,9 @@ from typing import Any
 
 import pytest
 from pools import FakePool
+from rich.console import Console
 
-from bcid.cli.fleets import _raise_what_failed
+from bcid.cli.fleets import _raise_what_failed, _tables
 from bcid.documents.fleet import FleetDocument, FleetLog, KeptArtifact
 from bcid.errors import InputRefused, PartLost
 from bcid.execution.cluster import Cluster
@@ -109,6 +112,27 @@ def test_two_processes_make_what_single_commands_make_and_nothing_twice(
     written = {p: p.stat().st_mtime_ns for p in tmp_path.glob("*/*/*")}
     assert run(lab, tmp_path, logs) == document
     assert {p: p.stat().st_mtime_ns for p in tmp_path.glob("*/*/*")} == written
+
+
+def test_a_copy_of_a_log_is_told_and_is_no_unseen_drive(lab: Path, logs: list[Path], tmp_path: Path) -> None:
+    """Models of a log are not tried on a copy of it, and what all logs say counts it once."""
+    copy = tmp_path / "copies" / "again.mcap"
+    copy.parent.mkdir()
+    shutil.copy(logs[1], copy)
+    document = run(lab, tmp_path / "work", [logs[0], logs[1], copy])
+    assert [(log.name, log.state, log.same_drive_as) for log in document.logs] == [
+        ("a", "done", ""), ("b", "done", ""), ("again", "done", "b")
+    ]  # fmt: skip
+    assert [log.scores[0].on for log in document.logs] == ["b", "a", "a"]
+    (row,) = [words for words in _words_of(document) if "the same drive" in words]
+    assert "again: the same drive as b, at least in part; only that one is counted" in row
+
+
+def _words_of(document: FleetDocument) -> list[str]:
+    """The lines that a command prints of a fleet."""
+    console = Console(width=200, record=True, file=io.StringIO())
+    console.print(_tables(document, Path("work")))
+    return console.export_text().splitlines()
 
 
 def test_logs_that_cannot_be_used_cost_the_others_nothing(

@@ -56,6 +56,7 @@ class FleetLog(Part):
     state: LogState
     day: str = ""  # on which it was driven; "" where that is not known
     car: str = ""  # that drove; "" where that is not known
+    same_drive_as: str = ""  # the first log of the same drive, which counts for both; "" where there is none before it
     duration_s: Number = None
     go: bool | None = None  # whether its check says that it is worth fitting; null where it cannot be read
     artifacts: tuple[KeptArtifact, ...] = ()

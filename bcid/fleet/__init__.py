@@ -1,7 +1,8 @@
 """Many recordings: worked on one by one wherever there is room, and learnt from together.
 
 `logs` finds the recordings of a fleet, and `labels` their days and cars; `tasks` is what is done to one of them, in a
-process of its own, in `attempts` that may fail; `run` lets all of it be done, over `limits`.
+process of its own, in `attempts` that may fail; `run` lets all of it be done, over `limits`, and each drive is counted
+once, whatever `repeats` of it there are.
 
 `together` is what their diagnoses say together: `occurrences` of effects, from the `log_evidence` of each, and
 parameters that have `moved` from day to day.

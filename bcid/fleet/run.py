@@ -7,17 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 from bcid.aliases import Progress
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.fleet import FleetDocument, FleetLog, LogProblem
+from bcid.evaluation.seen_takes import TakeSteps, is_same_drive, read_take_steps
 from bcid.execution.jobs import Pool, run_jobs_in
 from bcid.fleet.attempts import attempt, describe_lost_process
 from bcid.fleet.labels import FleetLabels
 from bcid.fleet.limits import LIMITS
+from bcid.fleet.repeats import find_repeats, keep_some_steps
 from bcid.fleet.tasks import FleetOrder, LogEvaluation, evaluate_on, state_of, work_on_log
 from bcid.fleet.together import DiagnosedLog, diagnose_together
 from bcid.pipeline.takes import name_takes
@@ -39,8 +41,8 @@ def run_fleet(
 ) -> FleetDocument:  # fmt: skip
     """Do what the order says to each of `logs` in the processes of `pool`; what came of each, in their order.
 
-    The models of each log are evaluated on the next one that can be used, those of the last one on the first; what the
-    diagnoses of all say together goes by the days and cars of their `labels`.
+    The models of each log are evaluated on the next one of another drive that can be used, those of the last one on the
+    first; what the diagnoses of all say together goes by the days and cars of their `labels`, each drive counted once.
     Nothing that goes wrong with a log is raised: its row says it; nor what goes wrong with all of them together.
     """
     fleet = _Fleet(order, logs, labels)
@@ -64,7 +66,7 @@ class _Fleet:
         names, self.labels = name_takes(logs), labels
         self.order, self.logs, self.names = order, logs, [names[log] for log in logs]
         self.rows, self.evaluations = dict[int, FleetLog](), dict[int, LogEvaluation]()
-        self._locked = set[tuple[str, int]]()
+        self._locked, self._takes = set[tuple[str, int]](), dict[int, TakeSteps]()
 
     def jobs(self) -> list[FleetJob]:
         """All jobs in the order in which they begin: logs, evaluations, then those that were found locked, once more.
@@ -96,14 +98,22 @@ class _Fleet:
         return partial(evaluate_on, self.order, log, models, self.logs[unseen], self.names[unseen], job.waits)
 
     def _next_usable(self, number: int) -> int | None:
-        """The number of the next log whose motion is estimated; None where there is none, or is not known yet."""
+        """The number of the next log of another drive whose motion is estimated.
+
+        None where there is none, or is not known yet.
+        """
         count = len(self.logs)
         for other in ((number + step) % count for step in range(1, count)):
             if other not in self.rows:
                 return None
-            if self.rows[other].has("estimate"):
+            if self.rows[other].has("estimate") and not self._are_of_one_drive(number, other):
                 return other
         return None
+
+    def _are_of_one_drive(self, *numbers: int) -> bool:
+        """Whether two logs that were read are of the same drive, at least in part."""
+        one, other = (self._takes.get(number) for number in numbers)
+        return one is not None and other is not None and is_same_drive(one, other)
 
     def take_over(self, job: FleetJob, result: FleetLog | LogEvaluation | LogProblem | None) -> None:
         """Take over what a job gave: None where it found its log locked, a problem where its process died."""
@@ -114,23 +124,39 @@ class _Fleet:
             self.evaluations[job.number] = LogEvaluation(problems=(result,))
         elif isinstance(result, FleetLog):
             self.rows[job.number] = result
+            self._remember_take(job.number, result)
         elif isinstance(result, LogEvaluation):
             self.evaluations[job.number] = result
         else:
             self._locked.add((job.kind, job.number))
 
+    def _remember_take(self, number: int, row: FleetLog) -> None:
+        """Remember by which steps the drive of a log is known, if it could be read."""
+        for artifact in row.artifacts:
+            if artifact.stage == "ingest":
+                folder = self.order.settings.workspace / "ingest" / artifact.key
+                take = attempt("ingest", partial(read_take_steps, folder)).result
+                self._takes |= {number: keep_some_steps(take)} if take else {}
+
+    @cached_property
+    def repeats(self) -> dict[int, int]:
+        """Numbers of the logs of an earlier one's drive, with the number of that one, when all is done."""
+        return find_repeats(self._takes)
+
     def row_of(self, number: int) -> FleetLog:
-        """All that came of a log."""
+        """All that came of a log, when all is done."""
         row, evaluation = self.rows[number], self.evaluations.get(number, LogEvaluation())
+        first = self.repeats.get(number)
         row = row.model_copy(update={
             "day": self.labels.of_logs[number].day, "car": self.labels.of_logs[number].car,
             "artifacts": (*row.artifacts, *evaluation.artifacts), "scores": evaluation.scores,
             "problems": (*row.problems, *evaluation.problems),
+            "same_drive_as": "" if first is None else self.names[first],
         })  # fmt: skip
         return row.model_copy(update={"state": state_of(row)})
 
     def diagnosed_logs(self) -> list[DiagnosedLog]:
-        """The logs that were diagnosed, with what was found."""
+        """The logs that were diagnosed, with what was found, one of each drive."""
         home = self.order.settings.workspace / "diagnose"
         return [
             DiagnosedLog(
@@ -138,7 +164,7 @@ class _Fleet:
             )
             for number, row in sorted(self.rows.items())
             for artifact in row.artifacts
-            if artifact.stage == "diagnose"
+            if artifact.stage == "diagnose" and number not in self.repeats
         ]
 
     def share_done(self) -> float:

@@ -7,7 +7,7 @@ does not cannot guess an answer and compare.
 import hashlib
 import hmac
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,6 +19,8 @@ from bcid.files.outputs import replace_whole
 from bcid.proof.blind.blind_case import BlindCase
 
 SEALS_FILE, ANSWERS_FILE = "seals.json", "answers.json"
+SEALED_DIGITS = 9
+"""Of numbers in a sealed answer, which is the same on a processor whose logarithm ends otherwise."""
 Count = Annotated[int, Field(ge=0)]
 
 
@@ -46,15 +48,39 @@ def case_answer(case: BlindCase) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def sealed_answer(case: BlindCase) -> dict[str, Any]:
+    """The answer of a blind case as it is sealed, and opened in the end: its numbers have SEALED_DIGITS digits."""
+    return {name: _round(value) for name, value in case_answer(case).items()}
+
+
+def _round(value: Any) -> Any:
+    """The value, or all those in a mapping or a list, with SEALED_DIGITS digits where it is no whole number."""
+    if isinstance(value, Mapping):
+        return {name: _round(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_round(each) for each in value]
+    return float(f"{value:.{SEALED_DIGITS}g}") if isinstance(value, float) else value
+
+
 def answer_seal(case: BlindCase, salt: str) -> str:
-    """Seal of a blind case's answer: the HMAC-SHA-256 (hex digits) of its JSON with `salt` as the key."""
-    text = json.dumps(case_answer(case), sort_keys=True, ensure_ascii=True)
+    """Seal of a blind case's answer."""
+    return seal_of(sealed_answer(case), salt)
+
+
+def seal_of(answer: Mapping[str, Any], salt: str) -> str:
+    """Seal of an answer in clear: the HMAC-SHA-256 (hex digits) of its JSON with `salt` as the key."""
+    text = json.dumps(answer, sort_keys=True, ensure_ascii=True)
     return hmac.new(salt.encode(), text.encode(), hashlib.sha256).hexdigest()
 
 
 def suite_seal(cases: Sequence[BlindCase], salt: str) -> str:
     """One seal over all cases: the SHA-256 (hex digits) of the seals of their answers, joined in order."""
-    return hashlib.sha256("".join(answer_seal(case, salt) for case in cases).encode()).hexdigest()
+    return seal_over(answer_seal(case, salt) for case in cases)
+
+
+def seal_over(seals: Iterable[str]) -> str:
+    """One seal over those of all answers, in their order."""
+    return hashlib.sha256("".join(seals).encode()).hexdigest()
 
 
 def write_seals(cases: Sequence[BlindCase], salt: str, folder: Path, rows_before: int) -> str:
@@ -98,7 +124,7 @@ def open_seals(cases: Sequence[BlindCase], salt: str, folder: Path, new_rows: in
     if (folder / ANSWERS_FILE).is_file():
         content = content.model_copy(update={"made_after_opening": content.made_after_opening + new_rows})
         _replace_json(path, content.as_json())
-    answers = {"salt": salt, "answers": [case_answer(case) for case in cases]}
+    answers = {"salt": salt, "answers": [sealed_answer(case) for case in cases]}
     _replace_json(folder / ANSWERS_FILE, answers)
     after = content.made_after_opening
     return {"opened": len(cases), "known_before": content.known_before, "made_after_opening": after}
