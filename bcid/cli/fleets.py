@@ -146,14 +146,9 @@ def _tables(document: FleetDocument, workspace: Path) -> RenderableType:
     wrong = [
         escape(f"\n{log.name}: {problem.stage}: {problem.text}") for log in document.logs for problem in log.problems
     ] + [escape(f"\n{problem.stage}: {problem.text}") for problem in document.problems]
-    again = [
-        escape(f"\n{log.name}: the same drive as {log.same_drive_as}, at least in part; only that one is counted")
-        for log in document.logs
-        if log.same_drive_as
-    ]
     caption = f"of each log's models on the next log; artifacts of each log: {workspace / FLEET_FILE}"
     said = [escape(f"\n{sentence}") for sentence in fleet_sentences(document)]
-    return Group(plain_table(document.vehicle, columns, rows, caption), *said, *again, *wrong)
+    return Group(plain_table(document.vehicle, columns, rows, caption), *said, *wrong)
 
 
 def _cells(log: FleetLog, models: Sequence[str]) -> list[str]:

@@ -2,22 +2,28 @@
 
 from collections.abc import Mapping
 
-from bcid.documents.fleet import PRESENT, FleetDiagnosis, FleetDocument, FleetEffect, MovedParameter
+from bcid.documents.fleet import PRESENT, FleetDiagnosis, FleetDocument, FleetEffect, FleetLog, MovedParameter
 from bcid.report.budget_words import percent, percent_range
 from bcid.report.formats import format_number, join_words, plain_name, symbol_text, unit_text
 
 
 def fleet_sentences(document: FleetDocument) -> list[str]:
-    """A sentence for each effect of the fleet and one for each later day; none where fewer than two logs are known."""
-    together = document.together
+    """A sentence for each effect of the fleet and each later day, if two drives are known, and one for each copy."""
+    together, copies = document.together, [_copy_sentence(log) for log in document.logs if log.same_drive_as]
     if together is None:
-        return []
+        return copies
     who = "cars" if any(log.car for log in document.logs) else "logs since then"
     effects = [effect_sentence(effect, len(together.days) > 1, who) for effect in together.effects]
     return [
         *(effects or ["No effect is common to enough logs to be the fleet's."]),
         *day_sentences(together, {log.name: log.day for log in document.logs}),
+        *copies,
     ]
+
+
+def _copy_sentence(log: FleetLog) -> str:
+    """That a log is of another one's drive, and what comes of it."""
+    return f"{log.name} is the same drive as {log.same_drive_as}, at least in part: only that one is counted."
 
 
 def effect_sentence(effect: FleetEffect, several_days: bool, who: str) -> str:
