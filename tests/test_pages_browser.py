@@ -11,16 +11,20 @@ from pathlib import Path
 from typing import Any
 
 import browsing
+import numpy as np
 import pytest
 from browsing import contrast
 from PIL import Image
 from test_diagnosis_page import VERDICTS, Made, finding, named, write_diagnosis_page
+from test_fleet_diagnosis import ALL_DAYS, DAYS, diagnosed_log, fleet_document
 from test_in_short import card
 from test_pipeline import Record
 
+from bcid.documents.fleet import FleetDocument, FleetLog, LogProblem
 from bcid.documents.prove import ProveDocument
 from bcid.pipeline.config import read_pipeline_file
 from bcid.pipeline.run import Pipeline
+from bcid.report.fleet_page import write_fleet_page
 from bcid.report.proof_page import write_proof_page
 
 PROOF = Path(__file__).parents[1] / "docs" / "results" / "prove.json"
@@ -68,8 +72,19 @@ def budget_of(document: dict[str, Any]) -> dict[str, Any]:
     return {"horizon_s": 2.0, "nmse": document["fit"]["nmse_before"], "parts": parts}
 
 
+def fleet() -> FleetDocument:
+    """Logs of three days with an effect since the second, a motor gain that moves, a copy, and logs that failed."""
+    rng = np.random.default_rng(4)
+    logs = [diagnosed_log(i, 2.0 * (1.1 if DAYS[i] == 2 else 1.0) + 0.02 * rng.normal()) for i in range(len(DAYS))]
+    document = fleet_document(logs, (*ALL_DAYS, "2026-12-01"))
+    problem = LogProblem(stage="ingest", error="InputRefused", text="a/very/long/path/of/a/log.csv: file: is empty")
+    lost = FleetLog(name="lost", file="lost.csv", state="failed", day=ALL_DAYS[0], problems=(problem,))
+    copy = FleetLog(name="copy", file="copy.csv", state="done", day=ALL_DAYS[1], same_drive_as="log_5")
+    return document.model_copy(update={"logs": (*document.logs, lost, copy), "problems": (problem,)})
+
+
 DIAGNOSES = {**VERDICTS, "crowded": crowded}
-KINDS = ("report", *DIAGNOSES, "proof")
+KINDS = ("report", *DIAGNOSES, "proof", "fleet")
 Open = Callable[..., Any]
 
 
@@ -99,6 +114,8 @@ def pages(
         write_diagnosis_page(document, knots, tracks, paths[kind], card())
     paths["proof"] = folder / "proof.html"
     write_proof_page(ProveDocument.read(PROOF), paths["proof"])
+    paths["fleet"] = folder / "fleet.html"
+    write_fleet_page(fleet(), paths["fleet"])
     return paths
 
 
