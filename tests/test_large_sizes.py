@@ -21,9 +21,15 @@ from bcid.diagnosis.search.refits import (
 from bcid.diagnosis.search.screen import screen_effects, simulate_trials
 from bcid.effects.table import EFFECTS
 from bcid.errors import PredictionDiverged
+from bcid.likelihood.linearised_segments import (
+    linearise_with_pushes,
+    linearise_without_pushes,
+    log_likelihood_along,
+)
 from bcid.likelihood.refit import Fit, evaluate_fixed
 from bcid.likelihood.take import Take
 from bcid.proof.blind.other_suite import draft_other_cases
+from bcid.simulation.car import Sensor
 
 
 @pytest.mark.slow
@@ -52,6 +58,21 @@ def test_a_large_effect_is_found_beside_a_simulation_as_it_is_given() -> None:
     assert gain_nats(best, base) > 20.0
     others = refit_from_simulation(given, base, take, ("steering_delay",))
     assert all("steering_delay" not in fit.hypothesis.effects for fit in others)
+
+
+def test_an_effect_shows_where_no_pushes_make_up_for_it() -> None:
+    """With those of a simulation that lacks it, it would be there twice: the true size seems unlikely."""
+    sensor = Sensor()._replace(position_noise=1e-4, yaw_noise=2e-4)
+    known, (base, take) = concealing(60.0, sensor=sensor)[0], concealing(60.0, sensor=sensor, steering_offset=0.03)
+    given = evaluate_fixed(take, base.hypothesis, base.hypothesis.phi_of(known.car()), base.scales)
+    truth, phi = given.hypothesis.add_effect("steering_offset", given.phi, [0.03])
+    settled = evaluate_fixed(take, truth, phi, given.scales).log_likelihood
+    with_pushes, without = (
+        settled - log_likelihood_along(at, take, truth, phi)
+        for at in (linearise_with_pushes(given), linearise_without_pushes(given, take))
+    )
+    assert 0.0 < without < 0.3 * with_pushes
+    assert with_pushes > 1000.0
 
 
 @pytest.mark.parametrize(("missing", "asked"), [(0.12, True), (0.0, False)])

@@ -218,16 +218,6 @@ def _state_along_tangent(problem: RefitProblem, phi: Floats, state: RefitState) 
     return build_state(problem, phi, state.start, state.scales, problem.residuals(phi, state.start), state.A)
 
 
-def log_likelihood_along(fit: Fit, take: Take, hypothesis: Hypothesis, phi: Floats) -> float:
-    """The log-likelihood (nats) of another `hypothesis` at phi, along the tangent of a `fit` to the take.
-
-    Initial states and pushes answer linearly from where they are in the fit; noise and pushes' scale are found anew.
-    """
-    problem = RefitProblem(take, hypothesis, Prior.normal(phi, np.zeros_like(phi)))
-    r = problem.residuals(phi, fit.start)
-    return build_state(problem, phi, fit.start, fit.scales, r, fit.tangent.A, MAX_EM_STEPS).objective
-
-
 def evaluate_fixed(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit:
     """A fit whose parameter vector is the given phi: only initial states, pushes and standard deviations are estimated.
 

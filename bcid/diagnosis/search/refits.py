@@ -14,7 +14,13 @@ from bcid.effects.entry import Effect, Parameter
 from bcid.effects.table import EFFECTS, ENTRIES, effect_ids
 from bcid.likelihood.divergence import map_converged, none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
-from bcid.likelihood.refit import Fit, log_likelihood_along, refit
+from bcid.likelihood.linearised_segments import (
+    LinearisedSegments,
+    linearise_with_pushes,
+    linearise_without_pushes,
+    log_likelihood_along,
+)
+from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.refit_state import Effort
 from bcid.likelihood.score_test import replace_value
 from bcid.likelihood.take import Take
@@ -87,12 +93,16 @@ def refit_from_simulation(given: Fit, corrected: Fit, take: Take, excluded: Sequ
     Refitted base parameters take up much of what a car has beyond its simulation.  Beside the simulation itself the
     scale of the pushes grows with what is missing, and takes it up, so that a score test shows little of it there, too.
     Hence effects are tried at large sizes, that scale is found anew beside each, and those that then make the take
-    likeliest are refitted.
+    likeliest are refitted.  Where pushes make up for what is missing, what is there would be there twice, and poses of
+    a tenth of a millimetre forbid it: effects are tried without these pushes, too.
     """
-    h = corrected.hypothesis
+    h, known = corrected.hypothesis, (*excluded, *corrected.hypothesis.effects)
     phi = h.phi_at(given.car(), h.effect_values(corrected.phi) | given.hypothesis.effect_values(given.phi))
-    tried = _effects_beside_simulation(given, take, (*excluded, *h.effects))[: SEARCH_LIMITS.max_candidates]
-    return _refit_likeliest(given, take, [h.add_effect(name, phi, values) for name, values in tried], REFITTED)
+    tried = dict[str, list[float]]()
+    for at in (linearise_with_pushes(given), linearise_without_pushes(given, take)):
+        likeliest = _effects_beside_simulation(given, take, at, known)[: SEARCH_LIMITS.max_candidates]
+        tried |= dict(likeliest)
+    return _refit_likeliest(given, take, [h.add_effect(name, phi, values) for name, values in tried.items()], REFITTED)
 
 
 def _refit_likeliest(fit: Fit, take: Take, starts: Iterable[tuple[Hypothesis, Floats]], most: int) -> list[Fit]:
@@ -108,13 +118,15 @@ def _refit_likeliest(fit: Fit, take: Take, starts: Iterable[tuple[Hypothesis, Fl
     return rank_fits(map_converged(refit, [(take, f.hypothesis, f.phi, fit.start, fit.scales) for f in best]))
 
 
-def _effects_beside_simulation(given: Fit, take: Take, excluded: Sequence[str]) -> list[tuple[str, list[float]]]:
+def _effects_beside_simulation(
+    given: Fit, take: Take, at: LinearisedSegments, excluded: Sequence[str]
+) -> list[tuple[str, list[float]]]:
     """All effects without a place, with the values of those tried that make a take likeliest, likeliest first."""
     h, found = given.hypothesis, dict[str, tuple[float, list[float]]]()
     for name in (n for n in h.entries if n in EFFECTS and n not in excluded):
         for values in _sizes_beside_simulation(h.entries[name]):
             more, phi = h.add_effect(name, given.phi, values)
-            nats = none_if_diverged(log_likelihood_along, given, take, more, phi)
+            nats = none_if_diverged(log_likelihood_along, at, take, more, phi)
             if nats is not None and (name not in found or nats > found[name][0]):
                 found[name] = nats, values
     return [(name, found[name][1]) for name in sorted(found, key=lambda name: -found[name][0])]
