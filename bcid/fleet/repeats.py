@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 
 from bcid.evaluation.limits import LIMITS
@@ -21,7 +20,7 @@ def find_repeats(takes: Mapping[int, TakeSteps]) -> dict[int, int]:
     """
     holders, repeats = dict[int, list[int]](), dict[int, int]()
     for number, take in sorted(takes.items()):
-        sharing = Counter(other for step in take.steps for other in holders.get(step, ()))
+        sharing = {other for step in take.steps for other in holders.get(step, ())}
         first = next((other for other in sorted(sharing) if is_same_drive(take, takes[other])), None)
         if first is not None:
             repeats[number] = first
