@@ -33,7 +33,7 @@ from bcid.proof.real.edits import EDITS
 from bcid.proof.real.limits import LIMITS
 from bcid.proof.real.question_files import QuestionInputs
 from bcid.proof.real.questions import EditedQuestion
-from bcid.proof.real.variations import AS_ASKED
+from bcid.proof.real.variations import AS_ASKED, PARTS
 from bcid.recording.types import Recording, SourceFile, Stream
 from bcid.vehicle import Vehicle, read_vehicle
 
@@ -212,19 +212,37 @@ def said_of(names: list[str]) -> dict[str, Any]:
 def test_what_is_said_of_an_edited_drive_is_kept_with_what_it_showed_before(
     drive: Recording, inputs: QuestionInputs, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The effect that is edited is taken from what the drive is known to show, and looked for anew."""
-    given = list[ReferenceModel]()
+    """The effect that is edited is taken from what the drive is known to show, and looked for anew.
+
+    It is worth what the drive gains by it, sought from what the drive showed and the edit together.
+    """
+    given, weighed = list[ReferenceModel](), list[dict[str, float]]()
+    made = SimpleNamespace(naming=SimpleNamespace(base=SimpleNamespace(hypothesis=None)), take=None)
+
+    def diagnose(recordings: Any, estimates: Any, vehicle: Any, reference: ReferenceModel) -> Any:
+        given.append(reference)
+        return made
+
+    def weigh(without: Any, structure: Any, take: Any, effects: Any, sizes: dict[str, float]) -> Any:
+        weighed.append(sizes)
+        return SimpleNamespace(nats=60.04)
+
     monkeypatch.setattr(QuestionInputs, "estimate_recording", lambda *_: (drive, None, None))
     monkeypatch.setattr(edited, "estimate_motion", lambda *_: None)
-    monkeypatch.setattr(edited, "diagnose_recordings", lambda *of: given.append(of[3]))
+    monkeypatch.setattr(edited, "diagnose_recordings", diagnose)
+    monkeypatch.setattr(edited, "fit_true_structure", weigh)
     monkeypatch.setattr(edited, "diagnosis_row", lambda _: said_of([]))
     known = ReferenceModel(CAR, {"pose_latency__tau": 0.01, "yaw_scrub__c": 3.0}, LIMITS.unedited_relative_sd)
     before = edited.UneditedDrive(known, {"pose_latency": {"tau": (0.01, 0.001)}}).as_row()
     question = EditedQuestion("take.csv", "pose_latency", 0.06)
     row = edited.answer_edited_question(question, AS_ASKED, inputs, json.loads(json.dumps(before)))
-    assert (row["truth"], row["before"]) == (0.06, {"tau": [0.01, 0.001]})
+    assert (row["truth"], row["before"], row["worth"]) == (0.06, {"tau": [0.01, 0.001]}, 60.0)
     assert [c.effects for c in given] == [{"yaw_scrub__c": 3.0}]
     assert row["has"] == ["yaw_scrub"]
+    assert weighed == [{"pose_latency__tau": pytest.approx(0.07)}]
+    again = edited.answer_edited_question(question, PARTS[0], inputs, json.loads(json.dumps(before)))
+    assert "worth" not in again
+    assert len(weighed) == 1  # of the question as it is asked
 
 
 def test_what_a_drive_shows_of_an_effect_before_it_is_edited(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -118,6 +118,17 @@ def test_an_edit_is_what_a_drive_shows_beyond_what_it_showed_before(
     assert (row["tier"], row["right"], row["value"]) == ("edited", right, value)
 
 
+@pytest.mark.parametrize(("worth", "tier"), [(60.0, "edited"), (11.0, "control")])
+@pytest.mark.parametrize(("names", "false"), [((), ()), (("rear_toe",), ("rear_toe",))])
+def test_an_edit_that_a_drive_hardly_shows_is_a_control(
+    worth: float, tier: str, names: tuple[str, ...], false: tuple[str, ...]
+) -> None:
+    """Its worth against the gate of 20 nats; right is then to name nothing else."""
+    answer = said(*map(finding, names), before={"tau": [0.0, 0.001]}, worth=worth, gate=20.0)
+    row = scored(EditedQuestion("take.csv", "pose_latency", 0.06), answer)
+    assert (row["tier"], row["right"], tuple(row["false"])) == (tier, tier == "control" and not false, false)
+
+
 @pytest.mark.parametrize(
     ("d_y", "more", "right"),
     [(-0.007, (), True), (0.015, (), False), (-0.007, ("rear_toe",), False)],

@@ -11,7 +11,7 @@ import numpy as np
 from bcid.diagnosis.diagnose import Diagnosis, diagnose_recordings
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.diagnosis.search.refits import estimates_by_symbol
-from bcid.effects.table import effect_ids
+from bcid.effects.table import ENTRIES, effect_ids
 from bcid.errors import PredictionDiverged
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
@@ -20,9 +20,10 @@ from bcid.likelihood.refit import refit
 from bcid.likelihood.unnamed_functions import NO_REMAINDER
 from bcid.proof.real.edits import EDITS
 from bcid.proof.real.limits import LIMITS
+from bcid.proof.real.oracle import fit_true_structure
 from bcid.proof.real.question_files import QuestionInputs, reference_as_row, reference_from_row
 from bcid.proof.real.questions import EditedQuestion
-from bcid.proof.real.variations import QuestionVariation
+from bcid.proof.real.variations import AS_ASKED, QuestionVariation
 from bcid.proof.rows import diagnosis_row
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
@@ -89,7 +90,7 @@ def answer_edited_question(
     Poses or commands are edited, in the part of the recording that a `variation` keeps.  The reference of the diagnosis
     is the model of the unedited drive (`unedited_row`, by `diagnose_unedited_drive`) without the effect.  Beside
     `diagnosis_row` the row has "truth", the size of the edit, "before", the effect's values and standard errors in the
-    unedited drive, and "has", the effects of the reference.
+    unedited drive, "has", the effects of the reference, and, of the question AS_ASKED, what the edit is "worth".
 
     Raises:
         PredictionDiverged: the effect could not be fitted to the unedited drive.
@@ -99,9 +100,27 @@ def answer_edited_question(
         raise PredictionDiverged(f"a fit of {question.effect} to the unedited drive leaves the finite numbers")
     recording, estimate, vehicle = _edit_recording(question, unedited.simulation, variation, inputs)
     reference = unedited.simulation.without(question.effect)
-    row = diagnosis_row(diagnose_recordings([recording], [estimate], vehicle, reference))
-    more = {"before": unedited.effect_values[question.effect], "has": list(effect_ids(reference.effects))}
-    return {"truth": question.value, **more, **row}
+    diagnosis = diagnose_recordings([recording], [estimate], vehicle, reference)
+    before = unedited.effect_values[question.effect]
+    more: dict[str, Any] = {"before": before, "has": list(effect_ids(reference.effects))}
+    if variation == AS_ASKED:
+        more |= _worth(question, before, diagnosis)
+    return {"truth": question.value, **more, **diagnosis_row(diagnosis)}
+
+
+def _worth(
+    question: EditedQuestion, before: Mapping[str, tuple[float, float]], diagnosis: Diagnosis
+) -> dict[str, float]:
+    """The nats by which the edited drive is likelier with the effect than without, both refitted, as "worth".
+
+    It is left out where predictions with the effect diverge.
+    """
+    entry, without = ENTRIES[question.effect], diagnosis.naming.base
+    sizes = [before[p.symbol][0] for p in entry.parameters]
+    sizes[0] += question.value
+    known = dict(zip(entry.fields, sizes, strict=True))
+    true = none_if_diverged(fit_true_structure, without, without.hypothesis, diagnosis.take, [question.effect], known)
+    return {"worth": round(true.nats, 1)} if true else {}
 
 
 def _edit_recording(

@@ -69,9 +69,9 @@ def _failed_row(row: Mapping[str, Any]) -> Row:
 
 
 def may_have_answer(row: Mapping[str, Any]) -> bool:
-    """Whether the row of a question lets it have an answer: what is withheld is worth more than the diagnosis's gate.
+    """Whether the row of a question lets it have an answer: what is missing is worth more than the diagnosis's gate.
 
-    An edit always has one, and a row with an "error" says nothing against it.
+    A row that does not tell its worth, such as one with an "error", says nothing against it.
     """
     return bool(row.get("worth", math.inf) > row.get("gate", 0.0))
 
@@ -133,8 +133,9 @@ def _score_edited(question: EditedQuestion, row: Mapping[str, Any]) -> Row:
     """Score the row of a recording that was edited to show an effect of known size: is it found, at that size?
 
     Right is to name this effect alone, with its first parameter raised over its value "before" the edit by the edit's
-    size, and its other parameters unchanged, within the tolerance of `_is_near`.  Adds "right", "value" (of the first
-    parameter) and "false" (other names).
+    size, and its other parameters unchanged, within the tolerance of `_is_near`.  Where the edit is worth no more than
+    the gate the row is a control, and right is to name nothing else.  Adds "right", "value" (of the first parameter)
+    and "false" (other names).
     """
     findings = new_findings(row)
     values = next((f["values"] for f in findings if f["effect"] == question.effect), None)
@@ -143,7 +144,11 @@ def _score_edited(question: EditedQuestion, row: Mapping[str, Any]) -> Row:
     true = {first: question.value, **dict.fromkeys(unchanged, 0.0)}
     size = abs(question.value)
     right = values is not None and all(_is_near(values[s], row["before"][s], true[s], size) for s in true)
-    return {**row, "value": values[first][0] if values else None, "false": others, "right": right and not others}
+    shows = may_have_answer(row)
+    return {
+        **row, "tier": "edited" if shows else "control", "value": values[first][0] if values else None,
+        "false": others, "right": (right or not shows) and not others,
+    }  # fmt: skip
 
 
 def _is_near(value: Sequence[float], before: Sequence[float], edit: float, size: float) -> bool:
