@@ -36,28 +36,28 @@ def failing(errors: Sequence[Exception]) -> tuple[Callable[[], str], list[int]]:
 
 
 @pytest.fixture
-def waited(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """The seconds that were waited for, none of which pass."""
+def waits_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The seconds of each wait that was asked for; none is waited."""
     seconds = list[float]()
     monkeypatch.setattr(attempts.time, "sleep", seconds.append)
     return seconds
 
 
 @pytest.mark.parametrize("errors", [[stale()], [unreadable(stale()), stale()]])
-def test_a_folder_that_is_away_for_a_moment_costs_no_log(errors: list[Exception], waited: list[float]) -> None:
+def test_a_folder_that_is_away_for_a_moment_costs_no_log(errors: list[Exception], waits_s: list[float]) -> None:
     step, _ = failing(errors)
     assert attempt("ingest", step) == ("done", [])
-    assert waited == [*WAITS_S][: len(errors)]
+    assert waits_s == [*WAITS_S][: len(errors)]
 
 
-def test_one_that_stays_away_is_a_problem_with_a_next_step(waited: list[float]) -> None:
+def test_one_that_stays_away_is_a_problem_with_a_next_step(waits_s: list[float]) -> None:
     step, tried = failing([stale()] * 9)
     result, (problem,) = attempt("ingest", step)
     assert result is None
     assert (problem.stage, problem.error) == ("ingest", "OSError")
     assert "/far/log.csv: Stale file handle" in problem.text
     assert "next: " in problem.text
-    assert (len(tried), waited) == (1 + len(WAITS_S), [*WAITS_S])
+    assert (len(tried), waits_s) == (1 + len(WAITS_S), [*WAITS_S])
 
 
 @pytest.mark.parametrize(
@@ -70,14 +70,14 @@ def test_one_that_stays_away_is_a_problem_with_a_next_step(waited: list[float]) 
         ZeroDivisionError(),
     ],
 )
-def test_what_would_fail_again_is_not_tried_again(error: Exception, waited: list[float]) -> None:
+def test_what_would_fail_again_is_not_tried_again(error: Exception, waits_s: list[float]) -> None:
     step, tried = failing([error])
     assert attempt("ingest", step).result is None
-    assert (len(tried), waited) == (1, [])
+    assert (len(tried), waits_s) == (1, [])
 
 
-def test_a_lock_is_left_to_whoever_comes_back(waited: list[float]) -> None:
+def test_a_lock_is_left_to_whoever_comes_back(waits_s: list[float]) -> None:
     step, tried = failing([TakeLocked("at work")])
     with pytest.raises(TakeLocked):
         attempt("ingest", step)
-    assert (len(tried), waited) == (1, [])
+    assert (len(tried), waits_s) == (1, [])

@@ -8,7 +8,7 @@ import pytest
 from bcid.evaluation.limits import LIMITS
 from bcid.evaluation.seen_takes import TakeSteps, number_steps
 from bcid.fleet import repeats
-from bcid.fleet.repeats import find_repeats, keep_some_steps
+from bcid.fleet.repeats import find_repeats
 
 
 def drive(seed: int, poses: int = 4000) -> np.ndarray:
@@ -17,7 +17,7 @@ def drive(seed: int, poses: int = 4000) -> np.ndarray:
 
 
 def take(path: np.ndarray) -> TakeSteps:
-    return keep_some_steps(TakeSteps("", number_steps(path)))
+    return TakeSteps("", number_steps(path)).keep_some()
 
 
 def test_copies_and_parts_are_found_whatever_lies_between() -> None:

@@ -11,7 +11,7 @@ from bcid.diagnosis.diagnose import fit_base_model
 from bcid.diagnosis.search import name_search, refits
 from bcid.diagnosis.search.name_search import name_effects
 from bcid.diagnosis.search.refits import (
-    REFITTED,
+    WHOLE_REFITS,
     _sizes_beside_simulation,
     estimates_by_symbol,
     gain_nats,
@@ -50,7 +50,7 @@ def test_a_large_effect_is_found_beside_a_simulation_as_it_is_given() -> None:
     known, (base, take) = concealing(60.0)[0], concealing(60.0, steering_delay=0.12)
     given = evaluate_fixed(take, base.hypothesis, base.hypothesis.phi_of(known.car()), base.scales)
     found = refit_from_simulation(given, base, take, ())
-    assert len(found) == REFITTED
+    assert len(found) == WHOLE_REFITS
     best = found[0]
     assert gain_nats(best, found[1]) >= 0.0
     (tau,) = estimates_by_symbol(best, "steering_delay").values()

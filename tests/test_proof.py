@@ -37,7 +37,7 @@ from bcid.proof.blind.concealed_effects import (
     draw_outside_effect,
 )
 from bcid.proof.blind.run_cases import count_cases_with_rows, run_all_cases
-from bcid.proof.blind.seal import answer_seal, open_seals, suite_seal, write_seals
+from bcid.proof.blind.seal import answer_seal, open_seals, seal_over, write_seals
 from bcid.proof.limits import GOALS, LIMITS
 from bcid.proof.real import jobs
 from bcid.proof.rows import append_row, read_rows
@@ -468,15 +468,16 @@ def test_a_seal_fits_its_answer_and_salt_alone() -> None:
     told = one.concealed[0]
     key = next(iter(told.parameters))
 
-    def turned(share: float) -> BlindCase:
+    def first_parameter_larger_by(share: float) -> BlindCase:
         changed = {**told.parameters, key: told.parameters[key] * (1.0 + share)}
         return replace(one, concealed=(replace(told, parameters=changed),))
 
     # as another processor may draw it
-    assert answer_seal(turned(3e-16), "salt") == answer_seal(one, "salt")
-    for changed in (turned(1e-7), replace(one, channel="fx"), replace(one, tier="null")):
+    assert answer_seal(first_parameter_larger_by(3e-16), "salt") == answer_seal(one, "salt")
+    for changed in (first_parameter_larger_by(1e-7), replace(one, channel="fx"), replace(one, tier="null")):
         assert answer_seal(changed, "salt") != answer_seal(one, "salt")
-    assert suite_seal([one, other], "salt") != suite_seal([other, one], "salt")
+    seals = [answer_seal(case, "salt") for case in (one, other)]
+    assert seal_over(seals) != seal_over(seals[::-1])
 
 
 def test_seals_lie_there_before_and_are_opened_after(tmp_path: Path) -> None:

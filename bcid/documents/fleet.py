@@ -66,7 +66,11 @@ class FleetLog(Part):
 
     def has(self, stage: str) -> bool:
         """Whether an artifact of this stage is kept."""
-        return any(artifact.stage == stage for artifact in self.artifacts)
+        return bool(self.keys_of(stage))
+
+    def keys_of(self, stage: str) -> list[str]:
+        """The keys of the artifacts of this stage that are kept."""
+        return [artifact.key for artifact in self.artifacts if artifact.stage == stage]
 
 
 class FleetEffect(Part):

@@ -39,6 +39,10 @@ class TakeSteps(NamedTuple):
     name: str
     steps: tuple[int, ...]
 
+    def keep_some(self) -> TakeSteps:
+        """The take with its steps of the smallest numbers, by which it is known: they are as good as drawn by lot."""
+        return self._replace(steps=self.steps[: LIMITS.kept_steps])
+
 
 class _SeenTake(Part):
     """A take that a model was made from, with those of its steps whose numbers are smallest."""
@@ -94,11 +98,8 @@ def is_same_drive(one: TakeSteps, other: TakeSteps) -> bool:
 
 
 def save_seen_takes(takes: Sequence[TakeSteps], folder: Path) -> None:
-    """Write takes.json beside the model in `folder`, which was made from the `takes`.
-
-    Kept are the steps of the smallest numbers, which are as good as drawn by lot.
-    """
-    kept = tuple(_SeenTake(name=t.name, steps=t.steps[: LIMITS.kept_steps]) for t in takes)
+    """Write takes.json beside the model in `folder`, which was made from the `takes`, of whose steps some are kept."""
+    kept = tuple(_SeenTake(name=t.name, steps=t.keep_some().steps) for t in takes)
     write_json(folder / FILE_NAME, _SeenTakesDocument(takes=kept).as_json())
 
 

@@ -21,7 +21,7 @@ PASSING = frozenset(
 )
 """Errors of a disk, or of a folder on another machine, that may be over a moment later."""
 WAITS_S = (1.0, 5.0)
-"""Before a step is done anew that failed by such an error."""
+"""Seconds that are waited before a step that failed by such an error is done anew, each time."""
 FEWER_JOBS = "give it fewer --jobs (or each machine of a cluster fewer workers), or look into the system's log"
 
 

@@ -4,13 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from bcid.evaluation.limits import LIMITS
 from bcid.evaluation.seen_takes import TakeSteps, is_same_drive
-
-
-def keep_some_steps(take: TakeSteps) -> TakeSteps:
-    """The take with those of its steps whose numbers are smallest, by which it is known among many."""
-    return take._replace(steps=take.steps[: LIMITS.kept_steps])
 
 
 def find_repeats(takes: Mapping[int, TakeSteps]) -> dict[int, int]:

@@ -19,7 +19,7 @@ from bcid.execution.jobs import Pool, run_jobs_in
 from bcid.fleet.attempts import attempt, describe_lost_process
 from bcid.fleet.labels import FleetLabels
 from bcid.fleet.limits import LIMITS
-from bcid.fleet.repeats import find_repeats, keep_some_steps
+from bcid.fleet.repeats import find_repeats
 from bcid.fleet.tasks import FleetOrder, LogEvaluation, evaluate_on, state_of, work_on_log
 from bcid.fleet.together import DiagnosedLog, diagnose_together
 from bcid.pipeline.takes import name_takes
@@ -110,10 +110,9 @@ class _Fleet:
                 return other
         return None
 
-    def _are_of_one_drive(self, *numbers: int) -> bool:
-        """Whether two logs that were read are of the same drive, at least in part."""
-        one, other = (self._takes.get(number) for number in numbers)
-        return one is not None and other is not None and is_same_drive(one, other)
+    def _are_of_one_drive(self, one: int, other: int) -> bool:
+        """Whether the logs of these numbers were read and are of the same drive, at least in part."""
+        return {one, other} <= self._takes.keys() and is_same_drive(self._takes[one], self._takes[other])
 
     def take_over(self, job: FleetJob, result: FleetLog | LogEvaluation | LogProblem | None) -> None:
         """Take over what a job gave: None where it found its log locked, a problem where its process died."""
@@ -132,11 +131,11 @@ class _Fleet:
 
     def _remember_take(self, number: int, row: FleetLog) -> None:
         """Remember by which steps the drive of a log is known, if it could be read."""
-        for artifact in row.artifacts:
-            if artifact.stage == "ingest":
-                folder = self.order.settings.workspace / "ingest" / artifact.key
-                take = attempt("ingest", partial(read_take_steps, folder)).result
-                self._takes |= {number: keep_some_steps(take)} if take else {}
+        for key in row.keys_of("ingest"):
+            folder = self.order.settings.workspace / "ingest" / key
+            take = attempt("ingest", partial(read_take_steps, folder)).result
+            if take is not None:
+                self._takes[number] = take.keep_some()
 
     @cached_property
     def repeats(self) -> dict[int, int]:
@@ -159,12 +158,10 @@ class _Fleet:
         """The logs that were diagnosed, with what was found, one of each drive."""
         home = self.order.settings.workspace / "diagnose"
         return [
-            DiagnosedLog(
-                row.name, self.labels.of_logs[number], DiagnosisDocument.read(home / artifact.key / "diagnosis.json")
-            )
+            DiagnosedLog(row.name, self.labels.of_logs[number], DiagnosisDocument.read(home / key / "diagnosis.json"))
             for number, row in sorted(self.rows.items())
-            for artifact in row.artifacts
-            if artifact.stage == "diagnose" and number not in self.repeats
+            if number not in self.repeats
+            for key in row.keys_of("diagnose")
         ]
 
     def share_done(self) -> float:

@@ -46,8 +46,8 @@ FAR = Effort(tangents=12, iterations=10)
 PART_STRIDE = 4
 """Refits from large sizes are compared on every so many segments."""
 
-REFITTED = 2
-"""Of the refits from a simulation as it is given, those that are made on the whole take."""
+WHOLE_REFITS = 2
+"""So many of the effects that are tried beside a simulation as it is given are refitted on the whole take."""
 
 
 def gain_nats(fit: Fit, over: Fit) -> float:
@@ -96,13 +96,15 @@ def refit_from_simulation(given: Fit, corrected: Fit, take: Take, excluded: Sequ
     likeliest are refitted.  Where pushes make up for what is missing, what is there would be there twice, and poses of
     a tenth of a millimetre forbid it: effects are tried without these pushes, too.
     """
-    h, known = corrected.hypothesis, (*excluded, *corrected.hypothesis.effects)
+    h, untried = corrected.hypothesis, (*excluded, *corrected.hypothesis.effects)
     phi = h.phi_at(given.car(), h.effect_values(corrected.phi) | given.hypothesis.effect_values(given.phi))
     tried = dict[str, list[float]]()
     for at in (linearise_with_pushes(given), linearise_without_pushes(given, take)):
-        likeliest = _effects_beside_simulation(given, take, at, known)[: SEARCH_LIMITS.max_candidates]
+        likeliest = _effects_beside_simulation(given, take, at, untried)[: SEARCH_LIMITS.max_candidates]
         tried |= dict(likeliest)
-    return _refit_likeliest(given, take, [h.add_effect(name, phi, values) for name, values in tried.items()], REFITTED)
+    return _refit_likeliest(
+        given, take, [h.add_effect(name, phi, values) for name, values in tried.items()], WHOLE_REFITS
+    )
 
 
 def _refit_likeliest(fit: Fit, take: Take, starts: Iterable[tuple[Hypothesis, Floats]], most: int) -> list[Fit]:

@@ -20,7 +20,7 @@ from bcid.proof.blind.blind_case import BlindCase
 
 SEALS_FILE, ANSWERS_FILE = "seals.json", "answers.json"
 SEALED_DIGITS = 9
-"""Of numbers in a sealed answer, which is the same on a processor whose logarithm ends otherwise."""
+"""To so many digits the numbers of an answer are sealed: a logarithm ends otherwise on another processor."""
 Count = Annotated[int, Field(ge=0)]
 
 
@@ -73,13 +73,8 @@ def seal_of(answer: Mapping[str, Any], salt: str) -> str:
     return hmac.new(salt.encode(), text.encode(), hashlib.sha256).hexdigest()
 
 
-def suite_seal(cases: Sequence[BlindCase], salt: str) -> str:
-    """One seal over all cases: the SHA-256 (hex digits) of the seals of their answers, joined in order."""
-    return seal_over(answer_seal(case, salt) for case in cases)
-
-
 def seal_over(seals: Iterable[str]) -> str:
-    """One seal over those of all answers, in their order."""
+    """One seal over those of all answers: the SHA-256 (hex digits) of these, joined in their order."""
     return hashlib.sha256("".join(seals).encode()).hexdigest()
 
 
@@ -96,7 +91,7 @@ def write_seals(cases: Sequence[BlindCase], salt: str, folder: Path, rows_before
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / SEALS_FILE
     seals = {c.name: answer_seal(c, salt) for c in cases}
-    content = SealsDocument(seal=suite_seal(cases, salt), known_before=rows_before, cases=seals)
+    content = SealsDocument(seal=seal_over(seals.values()), known_before=rows_before, cases=seals)
     if path.exists():
         before = SealsDocument.read(path)
         if (before.cases, before.seal) != (seals, content.seal):
