@@ -282,15 +282,16 @@ def test_what_a_drive_shows_of_an_effect_before_it_is_edited(monkeypatch: pytest
         assert precision[-1] == 0.0  # the effect itself is not
 
 
-def test_a_drive_is_asked_freely_and_then_as_an_edited_one(
-    drive: Recording, inputs: QuestionInputs, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("published", [None, ReferenceModel(CAR, {}, 0.3)])
+def test_a_drive_is_asked_beside_what_is_published_and_then_as_an_edited_one(
+    drive: Recording, inputs: QuestionInputs, published: ReferenceModel | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What the second asking adds is known as well; an effect that cannot be fitted there takes no other with it."""
     of, simulations = Hypothesis((), CAR, 2.012, Constants()), list[Any]()
 
     def diagnosed(recordings: Any, estimates: Any, vehicle: Any, simulation: ReferenceModel | None) -> Any:
         simulations.append(simulation)
-        holding = of.with_effects("steering_backlash", *(["yaw_scrub"] if simulation else []))
+        holding = of.with_effects("steering_backlash", *(["yaw_scrub"] if simulations[1:] else []))
         phi = holding.phi_of(CAR, [0.02, 3.0][: len(holding.effects)])
         best = SimpleNamespace(hypothesis=holding, phi=phi, car=lambda: CAR)
         return SimpleNamespace(whole_fit=best)
@@ -301,11 +302,12 @@ def test_a_drive_is_asked_freely_and_then_as_an_edited_one(
         return {"tau": (0.0, 0.1)}
 
     monkeypatch.setattr(QuestionInputs, "estimate_recording", lambda *_: (drive, None, None))
+    monkeypatch.setattr(QuestionInputs, "published_model", lambda *_: published)
     monkeypatch.setattr(edited, "diagnose_recordings", diagnosed)
     monkeypatch.setattr(edited, "_unedited_values", before)
     row = edited.diagnose_unedited_drive("take.csv", ("pose_latency", "pose_scale"), AS_ASKED, inputs)
     found = edited.UneditedDrive.from_row(json.loads(json.dumps(row)))
-    assert simulations[0] is None
+    assert simulations[0] is published
     assert simulations[1].relative_sd == found.simulation.relative_sd == LIMITS.unedited_relative_sd
     assert simulations[1].effects == pytest.approx({"steering_backlash__b": 0.02})
     assert found.simulation.effects == pytest.approx({"steering_backlash__b": 0.02, "yaw_scrub__c": 3.0})

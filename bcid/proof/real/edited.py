@@ -54,16 +54,16 @@ def diagnose_unedited_drive(
 
     Returns the row of an `UneditedDrive`, of the part of the recording that a `variation` keeps.
 
-    The second diagnosis is against all that the first shows, which becomes the drive's own model.  The edited
-    recording is later diagnosed against that model; otherwise an effect that only a second diagnosis finds would be
-    attributed to the edit.  An effect whose fit diverges is left out.
+    The first diagnosis is against what is published, as well as that is known: a slow drive, or one that turns one way
+    only, says little of most parameters.  The second is against all that the first shows, which becomes the drive's
+    own model.  The edited recording is later diagnosed against that model; otherwise an effect that only a second
+    diagnosis finds would be attributed to the edit.  An effect whose fit diverges is left out.
     """
     vehicle = inputs.vehicle_for(name)
     recording, estimate, _ = inputs.estimate_recording(name, vehicle, variation)
-    start = inputs.published_model([estimate], vehicle)
-    start = start and start._replace(relative_sd=None)
-    freely = diagnose_recordings([recording], [estimate], vehicle, start)
-    unedited = diagnose_recordings([recording], [estimate], vehicle, _trusted_simulation(freely))
+    published = inputs.published_model([estimate], vehicle)
+    first = diagnose_recordings([recording], [estimate], vehicle, published)
+    unedited = diagnose_recordings([recording], [estimate], vehicle, _trusted_simulation(first))
     found = UneditedDrive(_trusted_simulation(unedited), {})
     for effect in effects:
         before = none_if_diverged(_unedited_values, effect, unedited)  # a divergence concerns this edit alone
