@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from dataclasses import replace
+from typing import Any
 
+import numpy as np
 import pytest
 from concealed import concealing, record_case
 
+from bcid.aliases import Floats
 from bcid.diagnosis.diagnose import fit_base_model
 from bcid.diagnosis.search import name_search, refits
 from bcid.diagnosis.search.name_search import name_effects
@@ -21,6 +25,7 @@ from bcid.diagnosis.search.refits import (
 from bcid.diagnosis.search.screen import screen_effects, simulate_trials
 from bcid.effects.table import EFFECTS
 from bcid.errors import PredictionDiverged
+from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.linearised_segments import (
     linearise_with_pushes,
     linearise_without_pushes,
@@ -58,6 +63,56 @@ def test_a_large_effect_is_found_beside_a_simulation_as_it_is_given() -> None:
     assert gain_nats(best, base) > 20.0
     others = refit_from_simulation(given, base, take, ("steering_delay",))
     assert all("steering_delay" not in fit.hypothesis.effects for fit in others)
+
+
+Asked = list[tuple[int, float]]
+"""Segments of the take of each refit, and the share by which its trusted simulation counts."""
+
+
+def given_as_trusted(seconds: float) -> tuple[Fit, Take]:
+    """A simulation trusted to a fiftieth, as it is given, beside a take of a car whose steering is late."""
+    base, take = concealing(seconds, steering_delay=0.12)
+    trusting = base.hypothesis.trust_simulation([], 0.02)
+    return evaluate_fixed(take, trusting, base.phi, base.scales), take
+
+
+@pytest.mark.parametrize(("segments", "stride"), [(41, 4), (19, 1), (23, 2)])
+def test_a_part_of_a_take_says_as_much_less_against_a_simulation(
+    segments: int, stride: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A short take is compared on more of its segments; on the whole take a simulation counts as it is known."""
+    whole, whole_take = given_as_trusted(72.0)
+    given, take = whole.part(whole_take, np.arange(segments))
+    asked = Asked()
+
+    def record(take: Take, hypothesis: Hypothesis, phi: Floats, *_: Any, **__: Any) -> Fit:
+        assert hypothesis.trusted_simulation
+        asked.append((take.segments, hypothesis.trusted_simulation.share))
+        return replace(given, hypothesis=hypothesis, phi=phi)
+
+    monkeypatch.setattr(refits, "refit", record)
+    starts = [given.hypothesis.add_effect(name, given.phi, [0.05]) for name in ("steering_delay", "motor_delay")]
+    found = refits._refit_likeliest(given, take, starts, 1)
+    part = len(range(0, segments, stride))
+    assert asked == [(part, part / segments)] * 2 + [(segments, 1.0)]
+    assert [f.hypothesis for f in found] == [starts[0][0]]
+
+
+@pytest.mark.parametrize("on_part", [True, False])
+def test_what_ends_at_a_bound_of_its_size_is_left_out(on_part: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether on the part on which effects are compared or on the whole take."""
+    given, take = given_as_trusted(60.0)
+
+    def run_to_bound(on: Take, hypothesis: Hypothesis, phi: Floats, *_: Any, **__: Any) -> Fit:
+        found, field = phi.copy(), "steering_offset__o"
+        if field in hypothesis.effect_values(phi) and (on.segments < take.segments) == on_part:
+            found[-1] = hypothesis.bounds()[1][-1]
+        return replace(given, hypothesis=hypothesis, phi=found)
+
+    monkeypatch.setattr(refits, "refit", run_to_bound)
+    starts = [given.hypothesis.add_effect(name, given.phi, [0.01]) for name in ("steering_offset", "steering_delay")]
+    found = refits._refit_likeliest(given, take, starts, 2)
+    assert [f.hypothesis.effects for f in found] == [("steering_delay",)]
 
 
 def test_an_effect_shows_where_no_pushes_make_up_for_it() -> None:

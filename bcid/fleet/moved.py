@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.stats import t as student_t
+from scipy.special import stdtr, stdtrit
 
 from bcid.aliases import Floats
 
@@ -38,11 +38,11 @@ class Contrast(NamedTuple):
     @property
     def p_value(self) -> float:
         """The p-value of zero."""
-        return 2.0 * float(student_t.sf(abs(self.value) / self.se, self.freedom))
+        return 2.0 * float(stdtr(self.freedom, -abs(self.value) / self.se))
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
         """The interval that holds the true value in a share `level` of cases."""
-        half = float(student_t.ppf(0.5 + 0.5 * level, self.freedom)) * self.se
+        half = float(stdtrit(self.freedom, 0.5 + 0.5 * level)) * self.se
         return self.value - half, self.value + half
 
 

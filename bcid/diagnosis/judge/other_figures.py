@@ -7,7 +7,7 @@ take less likely by more than chance reaches.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t as student_t
+from scipy.special import stdtrit
 
 from bcid.aliases import Floats
 from bcid.diagnosis.limits import JUDGE_LIMITS
@@ -52,7 +52,7 @@ def _figures_outside_trust(fit: Fit, gate: float) -> list[ChangedFigure]:
         return []
     n, published = len(trusted.phi), hypothesis.with_effects()
     off = hypothesis.prior(fit.phi).deviations(fit.phi)[:n]
-    far = student_t.isf(0.5 * JUDGE_LIMITS.figure_p_value, TRUST_NU)
+    far = -float(stdtrit(TRUST_NU, 0.5 * JUDGE_LIMITS.figure_p_value))
     sd = np.sqrt(np.maximum(np.diag(fit.covariance)[:n], 0.0))
     se, units = np.abs(hypothesis.units_at(fit.phi)[:n]) * sd, _units_of_figures(published)
     before, after = _figures(published, np.array(trusted.phi)), _figures(hypothesis, fit.phi)

@@ -43,8 +43,8 @@ MULTIPLES_BESIDE_SIMULATION = (1.0, 4.0)
 FAR = Effort(tangents=12, iterations=10)
 """Where a start is far from any maximum."""
 
-PART_STRIDE = 4
-"""Refits from large sizes are compared on every so many segments."""
+PART_STRIDE, PART_SEGMENTS = 4, 10
+"""Refits from large sizes are compared on every so many segments, but on so many at least where a take has them."""
 
 WHOLE_REFITS = 2
 """So many of the effects that are tried beside a simulation as it is given are refitted on the whole take."""
@@ -72,8 +72,9 @@ def rank_credible_fits(fits: Iterable[Fit], take: Take) -> list[Fit]:
 
 
 def refit_from_large_sizes(fit: Fit, take: Take, excluded: Sequence[str]) -> list[Fit]:
-    """The joint refit with the best of the effects in ABSORBED_BY_BASE_MODEL, in a list; empty if all diverge.
+    """The joint refit with the best of the effects in ABSORBED_BY_BASE_MODEL, in a list.
 
+    It is empty where all diverge or end at a bound of the effect's size.
     Refitted base parameters imitate these effects, as a weak motor does a dead zone, so that no score test near `fit`
     shows them.
     """
@@ -94,30 +95,35 @@ def refit_from_simulation(given: Fit, corrected: Fit, take: Take, excluded: Sequ
     scale of the pushes grows with what is missing, and takes it up, so that a score test shows little of it there, too.
     Hence effects are tried at large sizes, that scale is found anew beside each, and those that then make the take
     likeliest are refitted.  Where pushes make up for what is missing, what is there would be there twice, and poses of
-    a tenth of a millimetre forbid it: effects are tried without these pushes, too.
+    a tenth of a millimetre forbid it: effects are tried without these pushes, too.  Each segment of a refit begins
+    without its pushes where that is better.
     """
     h, untried = corrected.hypothesis, (*excluded, *corrected.hypothesis.effects)
     phi = h.phi_at(given.car(), h.effect_values(corrected.phi) | given.hypothesis.effect_values(given.phi))
-    tried = dict[str, list[float]]()
+    tried = list[tuple[str, list[float]]]()
     for at in (linearise_with_pushes(given), linearise_without_pushes(given, take)):
         likeliest = _effects_beside_simulation(given, take, at, untried)[: SEARCH_LIMITS.max_candidates]
-        tried |= dict(likeliest)
-    return _refit_likeliest(
-        given, take, [h.add_effect(name, phi, values) for name, values in tried.items()], WHOLE_REFITS
-    )
+        tried += [start for start in likeliest if start not in tried]
+    return _refit_likeliest(given, take, [h.add_effect(name, phi, values) for name, values in tried], WHOLE_REFITS)
 
 
 def _refit_likeliest(fit: Fit, take: Take, starts: Iterable[tuple[Hypothesis, Floats]], most: int) -> list[Fit]:
     """The refits that are likeliest of those from `starts` (hypotheses and their phi), `most` at most, best first.
 
-    They are compared by refits on every PART_STRIDE-th segment, at a quarter of the work, and begin with the initial
-    states and scales of `fit`.  Those with an effect at a bound of its size, and those that diverge, are left out.
+    They are compared by refits on a part of the segments, at a quarter of the work where there are many, and begin with
+    the initial states and scales of `fit`.  A part says so much less against what a simulation is trusted for.  Those
+    with an effect at a bound of its size, and those that diverge, are left out.
     """
-    chosen, far = np.arange(0, take.segments, PART_STRIDE), partial(refit, effort=FAR)
-    part = take.part(chosen)
-    compared = map_converged(far, [(part, h, phi, fit.start[chosen], fit.scales) for h, phi in starts])
-    best = rank_credible_fits(compared, part)[:most]
-    return rank_fits(map_converged(refit, [(take, f.hypothesis, f.phi, fit.start, fit.scales) for f in best]))
+    stride = max(1, min(PART_STRIDE, take.segments // PART_SEGMENTS))
+    chosen, far = np.arange(0, take.segments, stride), partial(refit, effort=FAR)
+    part, whole = take.part(chosen), list(starts)
+    share = part.segments / take.segments
+    compared = map_converged(
+        far, [(part, h.scale_simulation_prior(share), phi, fit.start[chosen], fit.scales) for h, phi in whole]
+    )
+    best, by_effects = rank_credible_fits(compared, part)[:most], {h.effects: h for h, _ in whole}
+    ends = [(take, by_effects[f.hypothesis.effects], f.phi, fit.start, fit.scales) for f in best]
+    return rank_credible_fits(map_converged(refit, ends), take)
 
 
 def _effects_beside_simulation(
