@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import pytest
 
 from bcid.errors import InputRefused
 from bcid.fleet import attempts
 from bcid.fleet.attempts import WAITS_S, TakeLocked, attempt
+from bcid.fleet.tasks import _LogWork
+from bcid.store.artifact import Artifact
 
 
 def stale() -> OSError:
@@ -56,8 +59,24 @@ def test_one_that_stays_away_is_a_problem_with_a_next_step(waits_s: list[float])
     assert result is None
     assert (problem.stage, problem.error) == ("ingest", "OSError")
     assert "/far/log.csv: Stale file handle" in problem.text
-    assert "next: " in problem.text
+    assert "next: see whether the disk, or the machine that has the folder, answers" in problem.text
     assert (len(tried), waits_s) == (1 + len(WAITS_S), [*WAITS_S])
+
+
+def test_a_step_that_is_done_twice_keeps_what_it_made_once(waits_s: list[float]) -> None:
+    """An artifact that was kept before the folder went away is that of the second try, too."""
+    work, errors = _LogWork.__new__(_LogWork), [stale()]
+    work.artifacts, work.problems = [], []
+
+    def diagnose() -> None:
+        for stage in ("diagnose", "diagnosis_page"):
+            work._keep(stage, Artifact(Path("workspace"), "0" * 64, False))
+            if errors:
+                raise errors.pop()
+
+    assert work._does("diagnose", diagnose)
+    assert [artifact.stage for artifact in work.artifacts] == ["diagnose", "diagnosis_page"]
+    assert waits_s == [WAITS_S[0]]
 
 
 @pytest.mark.parametrize(

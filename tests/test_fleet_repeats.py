@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import cast
+
 import numpy as np
 import pytest
 
+from bcid.documents.fleet import FleetLog, KeptArtifact
 from bcid.evaluation.limits import LIMITS
 from bcid.evaluation.seen_takes import TakeSteps, number_steps
 from bcid.fleet import repeats
+from bcid.fleet.labels import FleetLabels
 from bcid.fleet.repeats import find_repeats
+from bcid.fleet.run import FleetJob, _Fleet
+from bcid.fleet.tasks import FleetOrder, WorkedLog
 
 
 def drive(seed: int, poses: int = 4000) -> np.ndarray:
@@ -18,6 +25,32 @@ def drive(seed: int, poses: int = 4000) -> np.ndarray:
 
 def take(path: np.ndarray) -> TakeSteps:
     return TakeSteps("", number_steps(path)).keep_some()
+
+
+def test_a_short_part_is_found_by_the_steps_that_both_would_keep() -> None:
+    """Of a thirtieth of a drive, all steps are kept, and of the whole hardly any of these."""
+    whole = drive(1, 20_000)
+    assert find_repeats({0: take(whole), 1: take(whole[8000:8700])}) == {1: 0}
+
+
+def test_of_one_drive_the_log_that_was_diagnosed_counts() -> None:
+    """An earlier copy that could not be fitted, or was not to be used, says nothing in its place."""
+    fleet = _Fleet(cast(FleetOrder, None), [Path(f"{name}.csv") for name in "abc"], cast(FleetLabels, None))
+    for number, stages in enumerate((("ingest",), ("ingest", "diagnose"), ("ingest", "diagnose"))):
+        kept = tuple(KeptArtifact(stage=stage, key="0" * 64) for stage in stages)
+        row = FleetLog(name="abc"[number], file="", state="done", artifacts=kept)
+        fleet.take_over(FleetJob("log", number, False), WorkedLog(row, take(drive(1))))
+    assert fleet.repeats == {0: 1, 2: 1}
+
+
+def test_a_few_equal_steps_are_chance() -> None:
+    shared = take(drive(1)).steps[:5]
+    mixed = TakeSteps("", tuple(sorted({*shared, *take(drive(2)).steps[:20]})))
+    assert find_repeats({0: take(drive(1)), 1: mixed}) == {}
+
+
+def test_the_first_in_order_counts_whatever_its_number() -> None:
+    assert find_repeats({6: take(drive(1)), 2: take(drive(1)), 4: take(drive(1))}) == {2: 6, 4: 6}
 
 
 def test_copies_and_parts_are_found_whatever_lies_between() -> None:

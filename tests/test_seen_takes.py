@@ -64,8 +64,9 @@ def test_a_model_keeps_some_steps_of_its_takes(recording: Recording, tmp_path: P
     assert kept.name == take.name
     assert len(kept.steps) == LIMITS.kept_steps
     assert has_seen([kept], take)
-    # a fifth of the take
+    # a fifth of the take, and a thirtieth, of which as few are kept as of the whole
     assert has_seen([kept], steps_of(recording, slice(1000, 1720)))
+    assert has_seen([kept], steps_of(recording, slice(1000, 1120)).keep_some())
     assert has_seen(None, take) is None
     (tmp_path / FILE_NAME).unlink()
     assert load_seen_takes(tmp_path) is None

@@ -26,6 +26,9 @@ class EvaluationLimits:
     # Share of the shorter take's steps up to which another one may hold them by chance.  Two of the sample logs
     # told in whole centimetres share 0.5 % at most, in millimetres 0.2 %; parts of one take share all that both have.
     max_shared_steps: float = 0.05
+    # Steps that two takes of one drive share at least, where they have as many: one or two may be equal by chance.  Of
+    # 512 kept ones of a take, 8 are of its 64th part.
+    least_shared_steps: int = 8
     # Steps that a model keeps of each take that it was made from: of a tenth of the take, 50 are among them.
     kept_steps: int = 512
 

@@ -87,14 +87,29 @@ def read_take_steps(recording: Path) -> TakeSteps:
 
 
 def shared_share(one: TakeSteps, other: TakeSteps) -> float:
-    """The share of the shorter take's steps that are in the other one, too."""
-    fewer = min(len(one.steps), len(other.steps))
-    return len(set(one.steps) & set(other.steps)) / fewer if fewer else 0.0
+    """The share of the shorter take's steps that are in the other one, too; 0 for takes without steps."""
+    shared, of = _count_shared(one, other)
+    return shared / of if of else 0.0
 
 
 def is_same_drive(one: TakeSteps, other: TakeSteps) -> bool:
-    """Whether two takes are of the same drive, at least in part; one of them may be what `load_seen_takes` returns."""
-    return shared_share(one, other) > LIMITS.max_shared_steps
+    """Whether two takes are of the same drive, at least in part; of one of them, or both, only some steps may be kept.
+
+    They share more steps than chance lets them, and some at least.
+    """
+    enough = min(LIMITS.least_shared_steps, len(one.steps), len(other.steps))
+    return _count_shared(one, other)[0] >= enough and shared_share(one, other) > LIMITS.max_shared_steps
+
+
+def _count_shared(one: TakeSteps, other: TakeSteps) -> tuple[int, int]:
+    """How many steps two takes share, of how many that the one has which has fewer.
+
+    Where only some are kept they are those of the smallest numbers: counted are steps up to the smaller of both takes'
+    largest numbers, which are all there.
+    """
+    last = min(one.steps[-1:] + other.steps[-1:], default=0)
+    mine, others = ({step for step in take.steps if step <= last} for take in (one, other))
+    return len(mine & others), min(len(mine), len(others))
 
 
 def save_seen_takes(takes: Sequence[TakeSteps], folder: Path) -> None:
@@ -123,6 +138,6 @@ def load_seen_takes(folder: Path) -> list[TakeSteps] | None:
 def has_seen(seen: Sequence[TakeSteps] | None, take: TakeSteps) -> bool | None:
     """Whether one of the takes that a model was made from is of the same drive as `take`; None where it is not known.
 
-    A short part of a take may not be among the steps that are kept of it.
+    Of a very short part of a take too few steps may be among those that are kept of it.
     """
     return None if seen is None else any(is_same_drive(other, take) for other in seen)

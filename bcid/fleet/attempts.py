@@ -16,7 +16,23 @@ REPORT_IT = "run this log alone with BCID_TRACEBACK=1 and report it"
 LOST = "its process died each time that it was tried: out of memory, or killed"
 PASSING = frozenset(
     getattr(errno, name)
-    for name in ("EAGAIN", "EBUSY", "EINTR", "EIO", "ESTALE", "ETIMEDOUT", "ECONNRESET", "EHOSTUNREACH", "ENETUNREACH")
+    for name in (
+        "EAGAIN",
+        "EBUSY",
+        "ECONNABORTED",
+        "ECONNRESET",
+        "EHOSTDOWN",
+        "EHOSTUNREACH",
+        "EINTR",
+        "EIO",
+        "ENETDOWN",
+        "ENETUNREACH",
+        "ENOLCK",
+        "ENOTCONN",
+        "EPIPE",
+        "ESTALE",
+        "ETIMEDOUT",
+    )
     if hasattr(errno, name)
 )
 """Errors of a disk, or of a folder on another machine, that may be over a moment later."""
@@ -75,5 +91,7 @@ def _describe(error: Exception, if_internal: str) -> str:
     if isinstance(error, BcidError):
         return str(error)
     if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}\n  next: check the path and its permissions"
+        away = "see whether the disk, or the machine that has the folder, answers, and run the command again"
+        next_step = away if error.errno in PASSING else "check the path and its permissions"
+        return f"{error.filename}: {error.strerror}\n  next: {next_step}"
     return f"internal error, {type(error).__name__}: {error}\n  next: {if_internal}"

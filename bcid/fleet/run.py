@@ -14,13 +14,13 @@ from typing import Literal, NamedTuple
 from bcid.aliases import Progress
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.fleet import FleetDocument, FleetLog, LogProblem
-from bcid.evaluation.seen_takes import TakeSteps, is_same_drive, read_take_steps
+from bcid.evaluation.seen_takes import TakeSteps, is_same_drive
 from bcid.execution.jobs import Pool, run_jobs_in
 from bcid.fleet.attempts import attempt, describe_lost_process
 from bcid.fleet.labels import FleetLabels
 from bcid.fleet.limits import LIMITS
 from bcid.fleet.repeats import find_repeats
-from bcid.fleet.tasks import FleetOrder, LogEvaluation, evaluate_on, state_of, work_on_log
+from bcid.fleet.tasks import FleetOrder, LogEvaluation, WorkedLog, evaluate_on, state_of, work_on_log
 from bcid.fleet.together import DiagnosedLog, diagnose_together
 from bcid.pipeline.takes import name_takes
 
@@ -84,7 +84,7 @@ class _Fleet:
             )
         ]
 
-    def prepare(self, job: FleetJob) -> Callable[[], FleetLog | LogEvaluation | None] | None:
+    def prepare(self, job: FleetJob) -> Callable[[], WorkedLog | LogEvaluation | None] | None:
         """What does a job; None while it cannot begin, or where there is nothing to be waited for."""
         if job.waits and (job.kind, job.number) not in self._locked:
             return None
@@ -114,33 +114,30 @@ class _Fleet:
         """Whether the logs of these numbers were read and are of the same drive, at least in part."""
         return {one, other} <= self._takes.keys() and is_same_drive(self._takes[one], self._takes[other])
 
-    def take_over(self, job: FleetJob, result: FleetLog | LogEvaluation | LogProblem | None) -> None:
+    def take_over(self, job: FleetJob, result: WorkedLog | LogEvaluation | LogProblem | None) -> None:
         """Take over what a job gave: None where it found its log locked, a problem where its process died."""
         if isinstance(result, LogProblem) and job.kind == "log":
             name, file = self.names[job.number], str(self.logs[job.number])
             self.rows[job.number] = FleetLog(name=name, file=file, state="failed", problems=(result,))
         elif isinstance(result, LogProblem):
             self.evaluations[job.number] = LogEvaluation(problems=(result,))
-        elif isinstance(result, FleetLog):
-            self.rows[job.number] = result
-            self._remember_take(job.number, result)
+        elif isinstance(result, WorkedLog):
+            self.rows[job.number] = result.row
+            if result.take is not None:
+                self._takes[job.number] = result.take
         elif isinstance(result, LogEvaluation):
             self.evaluations[job.number] = result
         else:
             self._locked.add((job.kind, job.number))
 
-    def _remember_take(self, number: int, row: FleetLog) -> None:
-        """Remember by which steps the drive of a log is known, if it could be read."""
-        for key in row.keys_of("ingest"):
-            folder = self.order.settings.workspace / "ingest" / key
-            take = attempt("ingest", partial(read_take_steps, folder)).result
-            if take is not None:
-                self._takes[number] = take.keep_some()
-
     @cached_property
     def repeats(self) -> dict[int, int]:
-        """Numbers of the logs of an earlier one's drive, with the number of that one, when all is done."""
-        return find_repeats(self._takes)
+        """Numbers of the logs of another one's drive, with the number of that one, when all is done.
+
+        Of the logs of one drive the one that counts is the first of those that were diagnosed.
+        """
+        first_diagnosed = sorted(self._takes, key=lambda number: (not self.rows[number].has("diagnose"), number))
+        return find_repeats({number: self._takes[number] for number in first_diagnosed})
 
     def row_of(self, number: int) -> FleetLog:
         """All that came of a log, when all is done."""

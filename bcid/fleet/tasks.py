@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.fleet import FleetLog, KeptArtifact, LogProblem, LogScore, LogState, LogVerdict
+from bcid.evaluation.seen_takes import TakeSteps, read_take_steps
 from bcid.fleet.attempts import TakeLocked, attempt
 from bcid.pipeline.config import PipelineConfig
 from bcid.pipeline.run import Pipeline
@@ -43,6 +44,13 @@ class FleetOrder:
         })  # fmt: skip
 
 
+class WorkedLog(NamedTuple):
+    """What came of one log, and by which of its steps its drive is known; None of a log that could not be read."""
+
+    row: FleetLog
+    take: TakeSteps | None = None
+
+
 class LogEvaluation(NamedTuple):
     """What came of predicting another log with the models of one."""
 
@@ -59,18 +67,18 @@ class _ImpatientWatcher(Watcher):
         raise TakeLocked(text)
 
 
-def work_on_log(order: FleetOrder, log: Path, name: str, waits: bool) -> FleetLog | None:
+def work_on_log(order: FleetOrder, log: Path, name: str, waits: bool) -> WorkedLog | None:
     """Do all stages of one log but its evaluation; the row says what came of it, whatever goes wrong.
 
     Where another process is at work on the log, it is waited for if `waits`, and None is returned otherwise.
     """
 
-    def work(watcher: Watcher) -> FleetLog:
+    def work(watcher: Watcher) -> WorkedLog:
         # the vehicle file is read anew, which another machine may not see
         begun, problems = attempt("settings", lambda: _LogWork(order, log, watcher))
-        return (
-            begun.run(name) if begun else FleetLog(name=name, file=str(log), state="failed", problems=tuple(problems))
-        )
+        if begun is None:
+            return WorkedLog(FleetLog(name=name, file=str(log), state="failed", problems=tuple(problems)))
+        return WorkedLog(begun.run(name), begun.take)
 
     return _finish(work, waits)
 
@@ -101,8 +109,8 @@ def _evaluate(
 
     def evaluate(model: str) -> None:
         compared = work.fit_for_comparison(model)
-        score = work.score(compared)
-        artifacts.append(KeptArtifact(stage="evaluate", key=work.models.evaluate(compared).key, model=model))
+        score, key = work.score(compared), work.models.evaluate(compared).key
+        artifacts.append(KeptArtifact(stage="evaluate", key=key, model=model))
         scores.append(LogScore(model=model, on=unseen_name, nmse=score.nmse, nmse_ci95=score.nmse_ci95))
 
     for model in models:
@@ -120,6 +128,7 @@ class _LogWork:
         (self.log,) = config.training
         self.work = Pipeline(config, watcher)
         self.artifacts, self.problems, self.figures = list[KeptArtifact](), list[LogProblem](), dict[str, Any]()
+        self.take: TakeSteps | None = None
 
     def run(self, name: str) -> FleetLog:
         """Do what the order says, as far as one stage does not need what another one failed to make; the log's row."""
@@ -144,13 +153,16 @@ class _LogWork:
         return not problems
 
     def _keep(self, stage: str, artifact: Artifact, model: str = "") -> Artifact:
-        """Remember an artifact of the log."""
-        self.artifacts.append(KeptArtifact(stage=stage, key=artifact.key, model=model))
+        """Remember an artifact of the log, once: a step may be done twice."""
+        kept = KeptArtifact(stage=stage, key=artifact.key, model=model)
+        if kept not in self.artifacts:
+            self.artifacts.append(kept)
         return artifact
 
     def _ingest(self) -> None:
         """Read the log and check it."""
-        summary = RecordingSummary.read(self._keep("ingest", self.work.ingest(self.log)).folder / "recording.json")
+        folder = self._keep("ingest", self.work.ingest(self.log)).folder
+        self.take, summary = read_take_steps(folder).keep_some(), RecordingSummary.read(folder / "recording.json")
         self.figures["duration_s"] = summary.duration_s
         self.figures["go"] = all(odd.action != "no-go" for odd in summary.irregularities)
 
