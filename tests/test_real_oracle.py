@@ -21,11 +21,15 @@ from bcid.effects.remainder_table import COLUMNS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import position_errors
+from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
+from bcid.likelihood.marginal import Scales
+from bcid.likelihood.refit import Fit, refit
+from bcid.likelihood.take import Take
 from bcid.likelihood.tracking_functions import TRACKING_COLUMNS
 from bcid.likelihood.unnamed_functions import NO_UNNAMED, UnnamedFunctions
 from bcid.proof.blind.regressors import fit_boosted_trees, fit_perceptron
-from bcid.proof.real import day_model
+from bcid.proof.real import day_model, oracle
 from bcid.proof.real.day_model import calibrate_simulation, shared_effects
 from bcid.proof.real.misfit import error_ratios, prediction_rmse, whole_misfit
 from bcid.proof.real.oracle import find_equivalents, fit_true_structure
@@ -79,6 +83,21 @@ def test_a_base_fit_that_went_astray_makes_nothing_worth_more() -> None:
     astray = replace(without, log_likelihood=without.log_likelihood - 500.0)
     true = fit_true_structure(astray, without.hypothesis, take, ["steering_drag"], {"steering_drag__k": 60.0})
     assert true.without.penalised_log_likelihood > astray.penalised_log_likelihood + 400.0
+
+
+def test_the_simulation_s_own_car_is_a_start_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fit without what is withheld is of a car that this has pulled away."""
+    known, (base, take) = concealing(60.0)[0], concealing(60.0, steering_drag=60.0)
+    without, begun = replace(base, hypothesis=replace(base.hypothesis, nominal=known.car())), list[float]()
+
+    def record(take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, scales: Scales) -> Fit:
+        begun.append(hypothesis.car(phi).C_r)
+        return refit(take, hypothesis, phi, start, scales)
+
+    monkeypatch.setattr(oracle, "refit", record)
+    fit_true_structure(without, without.hypothesis, take, ["steering_drag"], {"steering_drag__k": 60.0})
+    assert begun[2] == pytest.approx(known.car().C_r)
+    assert begun[2] != pytest.approx(without.car().C_r)
 
 
 @pytest.mark.parametrize(("steady", "alike"), [(True, True), (False, False)])

@@ -129,6 +129,14 @@ def test_an_edit_that_a_drive_hardly_shows_is_a_control(
     assert (row["tier"], row["right"], tuple(row["false"])) == (tier, tier == "control" and not false, false)
 
 
+@pytest.mark.parametrize(("value", "right"), [(0.061, True), (0.5, False), (-0.06, False)])
+def test_an_edit_that_is_named_needs_its_size_whatever_it_is_worth(value: float, right: bool) -> None:
+    found = finding("pose_latency", tau=(value, 0.001))
+    answer = said(found, before={"tau": [0.0, 0.001]}, worth=11.0, gate=20.0)
+    row = scored(EditedQuestion("take.csv", "pose_latency", 0.06), answer)
+    assert (row["tier"], row["right"], row["false"]) == ("edited", right, [])
+
+
 @pytest.mark.parametrize(
     ("d_y", "more", "right"),
     [(-0.007, (), True), (0.015, (), False), (-0.007, ("rear_toe",), False)],

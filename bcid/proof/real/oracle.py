@@ -40,8 +40,9 @@ def fit_true_structure(
     """Refit a drive with and without the `effects` that were withheld from its simulation; the effects' sizes are free.
 
     With them it is refitted from the fit `without` them, the effects off and at their published `sizes` (SI, by
-    field), and from the fit of the `whole` simulation.  Without them also from the best of these, so that neither is
-    less likely for where its refit began.
+    field), from the simulation's own car with these sizes, as the fit without them is of a car that they have pulled
+    away, and from the fit of the `whole` simulation.  Without them also from the best of these, so that neither is less
+    likely for where its refit began.
 
     Args:
         without: fit of the simulation without the effects.
@@ -56,9 +57,11 @@ def fit_true_structure(
         PredictionDiverged: predictions with the effects diverge from every start.
     """
     more = structure.with_effects(*structure.effects, *effects)
+    off, known = _values_of(without), {**_values_of(without), **sizes}
     starts = [
-        (take, more, more.phi_at(without.car(), known), without.start, without.scales)
-        for known in (_values_of(without), {**_values_of(without), **sizes})
+        (take, more, more.phi_at(without.car(), off), without.start, without.scales),
+        (take, more, more.phi_at(without.car(), known), without.start, without.scales),
+        (take, more, more.phi_at(structure.nominal, known), take.start, without.scales),
     ]
     if whole is not None:
         start = whole.start if len(whole.start) == take.segments else take.start

@@ -20,8 +20,8 @@ from bcid.proof.real.variations import AS_ASKED
 TIERS = ("withheld", "control", "edited", "replication", "transfer", "start", "part")
 """Kinds of rows.
 
-"withheld" has an answer; "control" has none, as nothing is withheld, the tracking fails, or what is withheld does not
-show; "start" and "part" are questions asked once more.
+"withheld" has an answer; "control" has none, as nothing is withheld, the tracking fails, or what is withheld or edited
+does not show; "start" and "part" are questions asked once more.
 """
 
 Row = dict[str, Any]
@@ -133,9 +133,9 @@ def _score_edited(question: EditedQuestion, row: Mapping[str, Any]) -> Row:
     """Score the row of a recording that was edited to show an effect of known size: is it found, at that size?
 
     Right is to name this effect alone, with its first parameter raised over its value "before" the edit by the edit's
-    size, and its other parameters unchanged, within the tolerance of `_is_near`.  Where the edit is worth no more than
-    the gate the row is a control, and right is to name nothing else.  Adds "right", "value" (of the first parameter)
-    and "false" (other names).
+    size, and its other parameters unchanged, within the tolerance of `_is_near`.  Where the edit is not named, and
+    worth no more than the gate, the row is a control, and right is to name nothing else.  Adds "right", "value" (of the
+    first parameter) and "false" (other names).
     """
     findings = new_findings(row)
     values = next((f["values"] for f in findings if f["effect"] == question.effect), None)
@@ -144,7 +144,7 @@ def _score_edited(question: EditedQuestion, row: Mapping[str, Any]) -> Row:
     true = {first: question.value, **dict.fromkeys(unchanged, 0.0)}
     size = abs(question.value)
     right = values is not None and all(_is_near(values[s], row["before"][s], true[s], size) for s in true)
-    shows = may_have_answer(row)
+    shows = values is not None or may_have_answer(row)
     return {
         **row, "tier": "edited" if shows else "control", "value": values[first][0] if values else None,
         "false": others, "right": (right or not shows) and not others,
