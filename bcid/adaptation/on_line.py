@@ -73,7 +73,7 @@ class CarUnderWay:
     def __init__(
         self, adaptation: Adaptation, pose: Sequence[float], twist: Sequence[float], delta: float, gap_s: float
     ) -> None:
-        """Begin as `AdaptedCar.begin` says."""
+        """Begin at a measured pose, twist and steering angle, `gap_s` (s) after the end of the adaptation."""
         self.adaptation = adaptation
         self._begin(pose, twist, delta, adaptation.track.values[-1], adaptation.track.covariance, gap_s)
 

@@ -25,20 +25,20 @@ class LinearisedSegments(NamedTuple):
 
 
 def linearise_with_pushes(fit: Fit) -> LinearisedSegments:
-    """Those of a fit, whose pushes may make up for what it lacks."""
+    """Initial states and pushes as a fit has them; its pushes may make up for what it lacks."""
     return LinearisedSegments(fit.start, fit.tangent.A, fit.scales)
 
 
 def linearise_without_pushes(fit: Fit, take: Take) -> LinearisedSegments:
-    """Those of a fit to a take less its pushes: what it lacks is what the poses are off by."""
+    """The initial states of a fit to a take, without its pushes: poses are off by what the fit lacks."""
     start, inputs = nuisance.without_pushes(fit.start), fit.hypothesis.prediction_inputs(fit.phi, take)
     return LinearisedSegments(start, nuisance.linearise_nuisances(take, inputs, start).A, fit.scales)
 
 
 def log_likelihood_along(at: LinearisedSegments, take: Take, hypothesis: Hypothesis, phi: Floats) -> float:
-    """The log-likelihood (nats) of a hypothesis at phi, initial states and pushes answering linearly.
+    """The log-likelihood (nats) of a hypothesis at phi, poses being linear in initial states and pushes about `at`.
 
-    They do from where they are in `at`; the scales of noise and pushes are found anew.
+    The scales of noise and pushes are found anew.
     """
     problem = RefitProblem(take, hypothesis, Prior.normal(phi, np.zeros_like(phi)))
     r = problem.residuals(phi, at.start)

@@ -26,7 +26,7 @@ def question_text(row: Row) -> str:
 
 
 def worth_text(row: Row) -> str:
-    """What is withheld is worth, beside the gate, in nats; a dash where nothing is withheld.
+    """What is withheld, or edited, is worth, beside the gate, in nats; a dash where it was not weighed.
 
     >>> worth_text({"worth": 545.3, "gate": 14.2}), worth_text({})
     ('545 (gate 14)', '–')

@@ -24,7 +24,7 @@ LARGEST_THROTTLE = 0.6
 DRY_MPS = 0.05  # in which the vocabulary's dry frictions set in
 
 DIGITS = 5
-"""Significant digits of a published figure: as many as any machine finds alike."""
+"""Significant digits of a published figure: another processor hardly ever finds another one."""
 
 STEERED_DRAGS = tuple(name for name in ("steering_drag", "steering_friction") if name in EFFECTS)
 """Effects of the vocabulary by which a steered wheel drags: in proportion to the speed, and dry."""
@@ -60,7 +60,7 @@ def _fit_law(symbols: tuple[str, ...], law: Callable[[Floats], Floats], plant: F
     def misfit(share: Floats) -> Floats:
         return np.asarray((law(share * unit) - plant) / scale)
 
-    share = least_squares(misfit, np.ones(len(first)), xtol=1e-12, ftol=1e-14, gtol=1e-12).x
+    share = least_squares(misfit, np.ones(len(first)), jac="3-point", xtol=1e-12, ftol=1e-14, gtol=1e-12).x
     found = _round_figures(share * unit)
     return LawFit(dict(zip(symbols, found, strict=True)), plant, law(np.array(found)))
 

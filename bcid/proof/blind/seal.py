@@ -20,7 +20,10 @@ from bcid.proof.blind.blind_case import BlindCase
 
 SEALS_FILE, ANSWERS_FILE = "seals.json", "answers.json"
 SEALED_DIGITS = 9
-"""To so many digits the numbers of an answer are sealed: a logarithm ends otherwise on another processor."""
+"""To so many digits the numbers of an answer are sealed: a logarithm ends otherwise on another processor.
+
+A figure that is fitted may be rounded otherwise there all the same; a suite is then run anew in another folder.
+"""
 Count = Annotated[int, Field(ge=0)]
 
 
@@ -95,7 +98,8 @@ def write_seals(cases: Sequence[BlindCase], salt: str, folder: Path, rows_before
     if path.exists():
         before = SealsDocument.read(path)
         if (before.cases, before.seal) != (seals, content.seal):
-            raise UsageError(f"--out {folder}: holds the seals of other answers\n  next: name another folder")
+            cause = "holds the seals of other answers, or those of another version or processor"
+            raise UsageError(f"--out {folder}: {cause}\n  next: name another folder")
     else:
         _replace_json(path, content.as_json())
     return content.seal
