@@ -6,6 +6,8 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,11 +31,12 @@ from bcid.likelihood.take import Take
 from bcid.likelihood.tracking_functions import TRACKING_COLUMNS
 from bcid.likelihood.unnamed_functions import NO_UNNAMED, UnnamedFunctions
 from bcid.proof.blind.regressors import fit_boosted_trees, fit_perceptron
-from bcid.proof.real import day_model, oracle
+from bcid.proof.real import day_model, edited, oracle
 from bcid.proof.real.day_model import calibrate_simulation, shared_effects
 from bcid.proof.real.misfit import error_ratios, prediction_rmse, whole_misfit
 from bcid.proof.real.oracle import find_equivalents, fit_true_structure
 from bcid.proof.real.question_files import QuestionInputs, reference_as_row, reference_from_row
+from bcid.proof.real.questions import EditedQuestion
 from bcid.proof.real.replication import compare_sizes
 from bcid.proof.real.residual_model import fit_residual_model
 from bcid.proof.real.scoring import given_names
@@ -83,6 +86,16 @@ def test_a_base_fit_that_went_astray_makes_nothing_worth_more() -> None:
     astray = replace(without, log_likelihood=without.log_likelihood - 500.0)
     true = fit_true_structure(astray, without.hypothesis, take, ["steering_drag"], {"steering_drag__k": 60.0})
     assert true.without.penalised_log_likelihood > astray.penalised_log_likelihood + 400.0
+
+
+@pytest.mark.parametrize(("made", "shows"), [(60.0, True), (0.02, False)])
+def test_an_edit_is_worth_more_than_the_gate_where_a_drive_shows_it(made: float, shows: bool) -> None:
+    """Of a simulated drive that has the effect as large as if it had been edited so."""
+    without, take = concealing(120.0, steering_drag=made)
+    question = EditedQuestion("take.csv", "steering_drag", made)
+    diagnosis: Any = SimpleNamespace(naming=SimpleNamespace(base=without), take=take)
+    worth = edited._worth(question, {"k": (0.0, 0.1)}, diagnosis)["worth"]
+    assert (worth > LIKELIHOOD_LIMITS.usual_gate_nats) is shows
 
 
 def test_the_simulation_s_own_car_is_a_start_too(monkeypatch: pytest.MonkeyPatch) -> None:
