@@ -29,7 +29,7 @@ from bcid.execution.pool import WorkerPool
 from bcid.fleet.labels import label_logs
 from bcid.fleet.logs import find_logs
 from bcid.fleet.run import run_fleet
-from bcid.fleet.tasks import FleetOrder, LogEvaluation, evaluate_on, work_on_log
+from bcid.fleet.tasks import FleetOrder, LogEvaluation, WorkedLog, evaluate_on, work_on_log
 from bcid.pipeline.config import PipelineConfig, read_pipeline_file
 from bcid.pipeline.run import Pipeline
 from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
@@ -164,9 +164,10 @@ def test_logs_that_cannot_be_used_cost_the_others_nothing(
 
 def test_a_machine_that_sees_no_vehicle_file_costs_its_logs_only(lab: Path, logs: list[Path], tmp_path: Path) -> None:
     order = FleetOrder(config(lab, tmp_path, vehicle=tmp_path / "gone.toml"), ("newton-euler",), diagnose=False)
-    row = work_on_log(order, logs[0], "a", waits=True)
-    assert row is not None
-    assert (row.state, row.problems[0].stage, row.problems[0].error) == ("failed", "settings", "InputRefused")
+    worked = work_on_log(order, logs[0], "a", waits=True)
+    assert worked is not None
+    (problem,) = worked.row.problems
+    assert (worked.row.state, problem.stage, problem.error) == ("failed", "settings", "InputRefused")
     evaluation = evaluate_on(order, logs[0], ["newton-euler"], logs[1], "b", waits=True)
     assert evaluation is not None
     assert [p.error for p in evaluation.problems] == ["InputRefused"]
@@ -225,7 +226,7 @@ class ToldPool(FakePool):
         made = tuple(KeptArtifact(stage=stage, key="0", model="newton-euler") for stage in ("estimate", "fit"))
         row = FleetLog(name=log.stem, file=str(log), state="done", artifacts=made)
         locked = log.stem == "a" and not waits
-        self._result = [(key, None if locked else LogEvaluation() if evaluates else row)]
+        self._result = [(key, None if locked else LogEvaluation() if evaluates else WorkedLog(row))]
 
     def next_results(self) -> list[tuple[Any, Any]]:
         result, self._result = self._result, []
