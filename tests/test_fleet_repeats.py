@@ -28,7 +28,7 @@ def take(path: np.ndarray) -> TakeSteps:
 
 
 def test_a_short_part_is_found_by_the_steps_that_both_would_keep() -> None:
-    """Of a thirtieth of a drive, all steps are kept, and of the whole hardly any of these."""
+    """A thirtieth of a drive keeps all of its steps, of which the whole drive keeps hardly any."""
     whole = drive(1, 20_000)
     assert find_repeats({0: take(whole), 1: take(whole[8000:8700])}) == {1: 0}
 

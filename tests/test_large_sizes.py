@@ -65,10 +65,6 @@ def test_a_large_effect_is_found_beside_a_simulation_as_it_is_given() -> None:
     assert all("steering_delay" not in fit.hypothesis.effects for fit in others)
 
 
-Asked = list[tuple[int, float]]
-"""Segments of the take of each refit, and the share by which its trusted simulation counts."""
-
-
 def given_as_trusted(seconds: float) -> tuple[Fit, Take]:
     """A simulation trusted to a fiftieth, as it is given, beside a take of a car whose steering is late."""
     base, take = concealing(seconds, steering_delay=0.12)
@@ -83,7 +79,7 @@ def test_a_part_of_a_take_says_as_much_less_against_a_simulation(
     """A short take is compared on more of its segments; on the whole take a simulation counts as it is known."""
     whole, whole_take = given_as_trusted(72.0)
     given, take = whole.part(whole_take, np.arange(segments))
-    asked = Asked()
+    asked = list[tuple[int, float]]()  # segments of each refit, and the share by which its simulation counts
 
     def record(take: Take, hypothesis: Hypothesis, phi: Floats, *_: Any, **__: Any) -> Fit:
         assert hypothesis.trusted_simulation

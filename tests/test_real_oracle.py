@@ -90,7 +90,7 @@ def test_a_base_fit_that_went_astray_makes_nothing_worth_more() -> None:
 
 @pytest.mark.parametrize(("made", "shows"), [(60.0, True), (0.02, False)])
 def test_an_edit_is_worth_more_than_the_gate_where_a_drive_shows_it(made: float, shows: bool) -> None:
-    """Of a simulated drive that has the effect as large as if it had been edited so."""
+    """The simulated car has the effect by as much as an edit would have added to its drive."""
     without, take = concealing(120.0, steering_drag=made)
     question = EditedQuestion("take.csv", "steering_drag", made)
     diagnosis: Any = SimpleNamespace(naming=SimpleNamespace(base=without), take=take)

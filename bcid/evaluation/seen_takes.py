@@ -87,29 +87,21 @@ def read_take_steps(recording: Path) -> TakeSteps:
 
 
 def shared_share(one: TakeSteps, other: TakeSteps) -> float:
-    """The share of the shorter take's steps that are in the other one, too; 0 for takes without steps."""
-    shared, of = _count_shared(one, other)
-    return shared / of if of else 0.0
+    """The share of the shorter take's steps that are in the other one, too; 0 where so few are that it may be chance.
 
-
-def is_same_drive(one: TakeSteps, other: TakeSteps) -> bool:
-    """Whether two takes are of the same drive, at least in part; of one of them, or both, only some steps may be kept.
-
-    They share more steps than chance lets them, and some at least.
-    """
-    enough = min(LIMITS.least_shared_steps, len(one.steps), len(other.steps))
-    return _count_shared(one, other)[0] >= enough and shared_share(one, other) > LIMITS.max_shared_steps
-
-
-def _count_shared(one: TakeSteps, other: TakeSteps) -> tuple[int, int]:
-    """How many steps two takes share, of how many that the one has which has fewer.
-
-    Where only some are kept they are those of the smallest numbers: counted are steps up to the smaller of both takes'
-    largest numbers, which are all there.
+    Where only some steps are kept they are those of the smallest numbers: counted are steps up to the smaller of both
+    takes' largest numbers, which are all there.
     """
     last = min(one.steps[-1:] + other.steps[-1:], default=0)
     mine, others = ({step for step in take.steps if step <= last} for take in (one, other))
-    return len(mine & others), min(len(mine), len(others))
+    shared, fewer = len(mine & others), min(len(mine), len(others))
+    enough = min(LIMITS.least_shared_steps, len(one.steps), len(other.steps))
+    return shared / fewer if fewer and shared >= enough else 0.0
+
+
+def is_same_drive(one: TakeSteps, other: TakeSteps) -> bool:
+    """Whether two takes are of the same drive, at least in part; of either of them only some steps may be kept."""
+    return shared_share(one, other) > LIMITS.max_shared_steps
 
 
 def save_seen_takes(takes: Sequence[TakeSteps], folder: Path) -> None:

@@ -17,24 +17,11 @@ LOST = "its process died each time that it was tried: out of memory, or killed"
 PASSING = frozenset(
     getattr(errno, name)
     for name in (
-        "EAGAIN",
-        "EBUSY",
-        "ECONNABORTED",
-        "ECONNRESET",
-        "EHOSTDOWN",
-        "EHOSTUNREACH",
-        "EINTR",
-        "EIO",
-        "ENETDOWN",
-        "ENETUNREACH",
-        "ENOLCK",
-        "ENOTCONN",
-        "EPIPE",
-        "ESTALE",
-        "ETIMEDOUT",
+        "EAGAIN", "EBUSY", "ECONNABORTED", "ECONNRESET", "EHOSTDOWN", "EHOSTUNREACH", "EINTR", "EIO", "ENETDOWN",
+        "ENETUNREACH", "ENOLCK", "ENOTCONN", "EPIPE", "ESTALE", "ETIMEDOUT",
     )
     if hasattr(errno, name)
-)
+)  # fmt: skip
 """Errors of a disk, or of a folder on another machine, that may be over a moment later."""
 WAITS_S = (1.0, 5.0)
 """Seconds that are waited before a step that failed by such an error is done anew, each time."""

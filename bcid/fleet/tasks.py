@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.fleet import FleetLog, KeptArtifact, LogProblem, LogScore, LogState, LogVerdict
-from bcid.evaluation.seen_takes import TakeSteps, read_take_steps
+from bcid.evaluation.seen_takes import TakeSteps
 from bcid.fleet.attempts import TakeLocked, attempt
 from bcid.pipeline.config import PipelineConfig
 from bcid.pipeline.run import Pipeline
@@ -161,8 +161,8 @@ class _LogWork:
 
     def _ingest(self) -> None:
         """Read the log and check it."""
-        folder = self._keep("ingest", self.work.ingest(self.log)).folder
-        self.take, summary = read_take_steps(folder).keep_some(), RecordingSummary.read(folder / "recording.json")
+        summary = RecordingSummary.read(self._keep("ingest", self.work.ingest(self.log)).folder / "recording.json")
+        self.take = self.work.takes.steps(self.log).keep_some()
         self.figures["duration_s"] = summary.duration_s
         self.figures["go"] = all(odd.action != "no-go" for odd in summary.irregularities)
 

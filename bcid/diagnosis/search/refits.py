@@ -43,7 +43,7 @@ MULTIPLES_BESIDE_SIMULATION = (1.0, 4.0)
 FAR = Effort(tangents=12, iterations=10)
 """Where a start is far from any maximum."""
 
-PART_STRIDE, PART_SEGMENTS = 4, 10
+PART_STRIDE, LEAST_PART_SEGMENTS = 4, 10
 """Refits from large sizes are compared on every so many segments, but on so many at least where a take has them."""
 
 WHOLE_REFITS = 2
@@ -114,15 +114,15 @@ def _refit_likeliest(fit: Fit, take: Take, starts: Iterable[tuple[Hypothesis, Fl
     the initial states and scales of `fit`.  A part says so much less against what a simulation is trusted for.  Those
     with an effect at a bound of its size, and those that diverge, are left out.
     """
-    stride = max(1, min(PART_STRIDE, take.segments // PART_SEGMENTS))
+    stride = max(1, min(PART_STRIDE, take.segments // LEAST_PART_SEGMENTS))
     chosen, far = np.arange(0, take.segments, stride), partial(refit, effort=FAR)
-    part, whole = take.part(chosen), list(starts)
+    part = take.part(chosen)
     share = part.segments / take.segments
     compared = map_converged(
-        far, [(part, h.scale_simulation_prior(share), phi, fit.start[chosen], fit.scales) for h, phi in whole]
+        far, [(part, h.scale_simulation_prior(share), phi, fit.start[chosen], fit.scales) for h, phi in starts]
     )
-    best, by_effects = rank_credible_fits(compared, part)[:most], {h.effects: h for h, _ in whole}
-    ends = [(take, by_effects[f.hypothesis.effects], f.phi, fit.start, fit.scales) for f in best]
+    best = rank_credible_fits(compared, part)[:most]
+    ends = [(take, f.hypothesis.scale_simulation_prior(1.0), f.phi, fit.start, fit.scales) for f in best]
     return rank_credible_fits(map_converged(refit, ends), take)
 
 

@@ -24,7 +24,7 @@ LARGEST_THROTTLE = 0.6
 DRY_MPS = 0.05  # in which the vocabulary's dry frictions set in
 
 DIGITS = 5
-"""Significant digits of a published figure: another processor hardly ever finds another one."""
+"""Significant digits of a published figure, so few that processors hardly ever differ in them."""
 
 STEERED_DRAGS = tuple(name for name in ("steering_drag", "steering_friction") if name in EFFECTS)
 """Effects of the vocabulary by which a steered wheel drags: in proportion to the speed, and dry."""

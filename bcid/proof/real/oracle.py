@@ -40,9 +40,9 @@ def fit_true_structure(
     """Refit a drive with and without the `effects` that were withheld from its simulation; the effects' sizes are free.
 
     With them it is refitted from the fit `without` them, the effects off and at their published `sizes` (SI, by
-    field), from the simulation's own car with these sizes, as the fit without them is of a car that they have pulled
-    away, and from the fit of the `whole` simulation.  Without them also from the best of these, so that neither is less
-    likely for where its refit began.
+    field), and from the fit of the `whole` simulation, or where there is none from the simulation's own car with these
+    sizes, as the fit without them is of a car that they have pulled away.  Without them also from the best of these, so
+    that neither is less likely for where its refit began.
 
     Args:
         without: fit of the simulation without the effects.
@@ -61,9 +61,10 @@ def fit_true_structure(
     starts = [
         (take, more, more.phi_at(without.car(), off), without.start, without.scales),
         (take, more, more.phi_at(without.car(), known), without.start, without.scales),
-        (take, more, more.phi_at(structure.nominal, known), take.start, without.scales),
     ]
-    if whole is not None:
+    if whole is None:
+        starts.append((take, more, more.phi_at(structure.nominal, known), take.start, without.scales))
+    else:
         start = whole.start if len(whole.start) == take.segments else take.start
         starts.append((take, more, more.phi_at(whole.car(), _values_of(whole)), start, whole.scales))
     best = refits.rank_fits(map_converged(refit, starts, required=True))[0]
