@@ -23,7 +23,7 @@ from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
 from bcid.experiment.simulate import observe_states
 from bcid.likelihood.hypothesis import Hypothesis
-from bcid.likelihood.jacobian import parameter_jacobian
+from bcid.likelihood.jacobian import EFFECT_STEP, parameter_jacobian
 from bcid.likelihood.lane_rollout import segment_layout
 from bcid.likelihood.lane_start import first_lags_of_one, steps_of_recording
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS, SEGMENT_LIMITS
@@ -728,12 +728,13 @@ def test_a_place_has_a_slope(part: Take) -> None:
 
 def test_a_difference_stays_within_the_bounds(part: Take) -> None:
     hypothesis = BASE.with_effects("tyre_soft_saturation", "steering_lag")
-    for share in (1.0, 0.999):
+    size = 0.8  # declared with the effect
+    for share in (1.0, 1.0 - 0.5 * EFFECT_STEP * size):
         phi = hypothesis.phi_of(CAR, [share, 0.014])
         r = pose_residuals(part, hypothesis.prediction_inputs(phi, part), part.start)
         J = parameter_jacobian(part, hypothesis, phi, part.start, r, range(hypothesis.size))
-        less = hypothesis.prediction_inputs(hypothesis.phi_of(CAR, [share - 0.04, 0.014]), part)
-        expected = (pose_residuals(part, less, part.start) - r) / (0.04 / 0.8)
+        less = hypothesis.prediction_inputs(hypothesis.phi_of(CAR, [share - EFFECT_STEP * size, 0.014]), part)
+        expected = (pose_residuals(part, less, part.start) - r) / EFFECT_STEP
         assert misses(J[:, :, -2:-1], expected[:, :, None]).max() < 1e-9
         last = range(hypothesis.size - 1, hypothesis.size)
         np.testing.assert_array_equal(parameter_jacobian(part, hypothesis, phi, part.start, r, last), J[:, :, -1:])

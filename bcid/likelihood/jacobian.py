@@ -1,7 +1,9 @@
 """Derivatives of predicted poses by the parameters of a hypothesis.
 
 Base parameters that act on the body go along with the variational equation; effects, and an unknown servo, which acts
-ahead of the body, are differences of predictions, wide enough that a kink met or missed does not rule.
+ahead of the body, are differences of predictions.  These are narrow, so that they are of the point where the initial
+states are linearised: from an initial state that stays where it was, a car that rolls to rest ends up elsewhere after
+a small change, and what the states do not take up of that would count as information.
 """
 
 from collections.abc import Sequence
@@ -16,8 +18,9 @@ from bcid.likelihood.predict import wrap_yaw
 from bcid.likelihood.prediction_inputs import ChangedCars
 from bcid.likelihood.take import Take
 
-# difference steps of base parameters, and of effects in units of their size: some have kinks that a smaller step misses
-BASE_STEP, EFFECT_STEP = 1e-3, 0.05
+# difference steps of base parameters, of effects in units of their size, and of the places of effects, whose edges a
+# smaller step would not carry over any pose
+BASE_STEP, EFFECT_STEP, PLACE_STEP = 1e-3, 5e-4, 0.05
 CAR_STEP = 1e-6  # of base parameters in phi, where rates are differentiated at one state
 SERVO = ("T_s", "d")  # base parameters that act ahead of the body
 
@@ -83,9 +86,9 @@ def parameter_jacobian(
     phi.  A difference is taken downwards where an upward one would leave the bounds.
     """
     _, high = hypothesis.bounds()
-    columns = []
+    columns, is_place = [], hypothesis.is_place
     for j in components:
-        width = BASE_STEP if j < hypothesis.base_size else EFFECT_STEP
+        width = BASE_STEP if j < hypothesis.base_size else PLACE_STEP if is_place[j] else EFFECT_STEP
         moved = phi.copy()
         moved[j] += width if phi[j] + width <= high[j] else -width
         there = pose_residuals(take, hypothesis.prediction_inputs(moved, take), start)

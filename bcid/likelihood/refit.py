@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from bcid.likelihood.refit_state import (
     build_state,
     segment_worths,
 )
-from bcid.likelihood.settling import move_initial_states
+from bcid.likelihood.settling import follow_change, move_initial_states
 from bcid.likelihood.take import Take
 from bcid.physics.car import Car
 
@@ -138,7 +139,7 @@ def _refit_by_tangents(problem: RefitProblem, state: RefitState) -> tuple[Tangen
     for _ in range(effort.tangents):
         J = None if rough else none_if_diverged(newton.derivatives_at, problem, tangent, state)
         ahead = _descend_along_tangent(problem, tangent, state, J, FAR)
-        if ahead.objective - state.objective < effort.least:
+        if ahead.objective - state.worth < effort.least:
             break
         better = _evaluate_ahead(problem, state, ahead)
         if better is None:
@@ -163,16 +164,24 @@ def _descend_along_tangent(
         slopes = none_if_diverged(_slope_along, problem, tangent, state, J)
         if slopes is None:
             break
-        before, state = state, _step_parameters(problem, state, *slopes)
+        before, state = state, _step_parameters(problem, state, slopes)
         if state.objective - before.objective < problem.effort.least or np.max(np.abs(state.phi - before.phi)) > far:
             break
     return state
 
 
-def _slope_along(problem: RefitProblem, tangent: Tangent, state: RefitState, J: Floats | None) -> tuple[Floats, Floats]:
-    """Gradient (n,) and curvature (n, n) by phi along a `tangent`, with derivatives `J`, or without it those there."""
+class Slopes(NamedTuple):
+    """How the predictions and the likelihood of a refit change with phi at a state."""
+
+    J: Floats  # (N, 3, n) derivatives of predicted poses
+    slope: Floats  # (n,) of log-likelihood plus log prior
+    curvature: Floats  # (n, n) about its negative Hessian
+
+
+def _slope_along(problem: RefitProblem, tangent: Tangent, state: RefitState, J: Floats | None) -> Slopes:
+    """Slopes by phi along a `tangent` at a `state`, with derivatives `J` of the poses, or without it those there."""
     J = newton.derivatives_at(problem, tangent, state) if J is None else J
-    return newton.slope_and_curvature(problem, state, J)
+    return Slopes(J, *newton.slope_and_curvature(problem, state, J))
 
 
 def _evaluate_ahead(problem: RefitProblem, anchor: RefitState, ahead: RefitState) -> RefitState | None:
@@ -193,7 +202,7 @@ def _evaluate_ahead(problem: RefitProblem, anchor: RefitState, ahead: RefitState
     return None
 
 
-def _step_parameters(problem: RefitProblem, state: RefitState, slope: Floats, curvature: Floats) -> RefitState:
+def _step_parameters(problem: RefitProblem, state: RefitState, at: Slopes) -> RefitState:
     """The refit's state after a damped Newton step of phi, with the least of PHI_DAMPINGS that raises the objective.
 
     The objective is log-likelihood plus log prior.  Afterwards initial states move to their posterior means, if the
@@ -201,21 +210,23 @@ def _step_parameters(problem: RefitProblem, state: RefitState, slope: Floats, cu
     """
     bounds = problem.hypothesis.bounds()
     for damping in PHI_DAMPINGS:
-        phi = newton.bounded_newton_step(state.phi, slope, curvature + damping * np.eye(len(curvature)), bounds)
-        trial = none_if_diverged(_state_along_tangent, problem, phi, state)
+        phi = newton.bounded_newton_step(state.phi, at.slope, at.curvature + damping * np.eye(len(at.slope)), bounds)
+        trial = none_if_diverged(_state_along_tangent, problem, phi, state, at.J)
         if trial and trial.objective > state.objective:
             moved = move_initial_states(problem, trial)
             return moved if moved.objective > state.objective else trial
     return state
 
 
-def _state_along_tangent(problem: RefitProblem, phi: Floats, state: RefitState) -> RefitState:
-    """The refit's state at another parameter vector phi, with residuals predicted anew.
+def _state_along_tangent(problem: RefitProblem, phi: Floats, state: RefitState, J: Floats) -> RefitState:
+    """The refit's state at another parameter vector phi, with residuals predicted anew, derivatives those of `state`.
 
-    Initial states, pushes, and derivatives by them stay those of `state`; noise and push scales are re-estimated from
-    its.
+    Initial states and pushes go along with phi, as far as the poses' derivatives `J` (N, 3, n) by it tell: from an
+    initial state that stays, the car would leave the measured path, by more than its derivatives can follow.  Noise and
+    push scales are re-estimated from those of `state`.
     """
-    return build_state(problem, phi, state.start, state.scales, problem.residuals(phi, state.start), state.A)
+    start = follow_change(problem, state, J @ (phi - state.phi))
+    return build_state(problem, phi, start, state.scales, problem.residuals(phi, start), state.A)
 
 
 def evaluate_fixed(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit:

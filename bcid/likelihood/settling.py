@@ -135,6 +135,16 @@ def _begin_by_pieces(problem: RefitProblem, state: RefitState, chosen: Ints) -> 
     return _Segments(part.first, found.start, AboutNuisances(found.r, found.A), found.terms)
 
 
+def follow_change(problem: RefitProblem, state: RefitState, change: Floats) -> Floats:
+    """Initial states and pushes (S, N_NUISANCE) that take up what they can of a `change` (N, 3) of predicted poses.
+
+    Predictions are taken for linear in them.  What they have yet to earn without the change they do not take here.
+    """
+    moments = segment_moments(-change, state.A, problem.take.first)
+    scales = state.scales
+    return state.start + marginal.eliminate_nuisance(moments, scales.r, scales.nuisance_precisions()).z
+
+
 def move_initial_states(problem: RefitProblem, state: RefitState) -> RefitState:
     """The refit's state with segments' initial states moved to their posterior means, pushes held.
 
