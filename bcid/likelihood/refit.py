@@ -29,7 +29,7 @@ from bcid.likelihood.refit_state import (
     build_state,
     segment_worths,
 )
-from bcid.likelihood.settling import follow_change, move_initial_states
+from bcid.likelihood.settling import follow_parameters, move_initial_states
 from bcid.likelihood.take import Take
 from bcid.physics.car import Car
 
@@ -221,12 +221,11 @@ def _step_parameters(problem: RefitProblem, state: RefitState, at: Slopes) -> Re
 def _state_along_tangent(problem: RefitProblem, phi: Floats, state: RefitState, J: Floats) -> RefitState:
     """The refit's state at another parameter vector phi, with residuals predicted anew, derivatives those of `state`.
 
-    Initial states and pushes go along with phi, as far as the poses' derivatives `J` (N, 3, n) by it tell: from an
-    initial state that stays, the car would leave the measured path, by more than its derivatives can follow.  Noise and
-    push scales are re-estimated from those of `state`.
+    Initial states and pushes go along with phi, as the derivatives `J` (N, 3, n) of poses by it tell.  Noise and push
+    scales are re-estimated from those of `state`.
     """
-    start = follow_change(problem, state, J @ (phi - state.phi))
-    return build_state(problem, phi, start, state.scales, problem.residuals(phi, start), state.A)
+    start, r = follow_parameters(problem, state, phi, J)
+    return build_state(problem, phi, start, state.scales, r, state.A)
 
 
 def evaluate_fixed(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit:

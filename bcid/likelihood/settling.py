@@ -135,14 +135,28 @@ def _begin_by_pieces(problem: RefitProblem, state: RefitState, chosen: Ints) -> 
     return _Segments(part.first, found.start, AboutNuisances(found.r, found.A), found.terms)
 
 
-def follow_change(problem: RefitProblem, state: RefitState, change: Floats) -> Floats:
-    """Initial states and pushes (S, N_NUISANCE) that take up what they can of a `change` (N, 3) of predicted poses.
+def follow_parameters(problem: RefitProblem, state: RefitState, phi: Floats, J: Floats) -> tuple[Floats, Floats]:
+    """Initial states and pushes (S, N_NUISANCE) that go along with the parameters to `phi`, and the residual (N, 3).
 
-    Predictions are taken for linear in them.  What they have yet to earn without the change they do not take here.
+    As far as the poses' derivatives `J` (N, 3, n) by phi tell, they take up what they can of the change: from an
+    initial state that stays, a car leaves the measured path farther than derivatives follow it.  What they have yet to
+    earn where they are they do not take here.  A segment that loses so begins where it did, if it loses less there.
     """
-    moments = segment_moments(-change, state.A, problem.take.first)
-    scales = state.scales
-    return state.start + marginal.eliminate_nuisance(moments, scales.r, scales.nuisance_precisions()).z
+    change, take, scales = J @ (phi - state.phi), problem.take, state.scales
+    moments = segment_moments(-change, state.A, take.first)
+    start = state.start + marginal.eliminate_nuisance(moments, scales.r, scales.nuisance_precisions()).z
+    r = problem.residuals(phi, start)
+    terms = _terms_along_tangent(state.A, r, start, take, scales)
+    lost = np.flatnonzero(~(_segment_gains(terms, state.terms) > -SEGMENT_LIMITS.max_loss_nats))
+    if len(lost):
+        part, rows = take.part(lost), take.rows(lost)
+        stays = nuisance.pose_residuals(part, problem.hypothesis.prediction_inputs(phi, take), state.start[lost])
+        there = _terms_along_tangent(state.A[rows], stays, state.start[lost], part, scales)
+        better = ~(_segment_gains(_part_of(terms, lost), there) > 0.0)
+        start[lost[better]] = state.start[lost[better]]
+        own = np.repeat(better, np.diff(part.first))
+        r[rows[own]] = stays[own]
+    return start, r
 
 
 def move_initial_states(problem: RefitProblem, state: RefitState) -> RefitState:
