@@ -10,6 +10,7 @@ import pytest
 from cars import CAR
 from concealed import concealing
 
+from bcid.diagnosis.diagnose import fit_base_model
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.table import effect_ids
@@ -18,8 +19,14 @@ from bcid.likelihood import base_fit, newton
 from bcid.likelihood.base_fit import BASINS, FIRST_PUSH, GO_ON, BaseFits, first_cars, fit_base
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import UNLIMITED, Scales
-from bcid.likelihood.refit import THOROUGH, evaluate_fixed, refit
+from bcid.likelihood.refit import THOROUGH, Fit, evaluate_fixed, refit
 from bcid.likelihood.refit_state import MIN_GAIN, Effort
+from bcid.likelihood.take import Take
+from bcid.proof.blind.diagnose_case import estimate_concealed_drive
+from bcid.proof.blind.small_files import published_simulation_text, small_vehicle_text
+from bcid.simulation.room_drive import simulate_room_drive
+from bcid.simulation.small_car import OWN_CONSTANTS, SMALL_CAR_SENSOR, draw_small_car
+from bcid.virtual_lab import read_vehicle_text, record_drive
 
 BASE = Hypothesis((), CAR, 2.012, Constants())
 SEGMENTS = 4 * base_fit.PART_SEGMENTS
@@ -261,3 +268,27 @@ def test_a_refit_never_ends_below_a_start_that_it_contains(seed: int) -> None:
         again = refit(take, more, phi, fit.start, fit.scales)
         assert again.log_likelihood + again.log_prior > fit.log_likelihood + fit.log_prior - MIN_GAIN
         fit = again
+
+
+def slow_drive() -> tuple[Fit, Take]:
+    """The published model of a small car fitted to a drive at walking pace, its poses known to 0.2 mm."""
+    car = draw_small_car(np.random.default_rng([8, 9]), having=OWN_CONSTANTS)
+    sensor = SMALL_CAR_SENSOR._replace(position_noise=2e-4, yaw_noise=8e-4)
+    drive = simulate_room_drive(car.plant._replace(steering_offset=0.03), sensor, 60.0, 8, "steps", (0.1, 0.7), 20.0)
+    text = small_vehicle_text(car.plant)
+    vehicle = read_vehicle_text(text)
+    recording = record_drive(drive, 100.0, vehicle, "slow")
+    simulation = published_simulation_text(car.plant, 0.3)
+    estimate, published = estimate_concealed_drive(recording, vehicle, text, simulation)
+    base = fit_base_model([recording], [estimate], vehicle, published)
+    return base.fit, base.take
+
+
+def test_a_slow_car_is_fitted_alike_from_several_starts() -> None:
+    """It rolls to rest, so that from a given initial state a small change of a parameter leads far off."""
+    fit, take = slow_drive()
+    low, high = fit.hypothesis.bounds()
+    for seed in (0, 1, 3, 4):
+        off = 0.3 * np.random.default_rng(seed).normal(size=len(fit.phi)) * (low < high)
+        again = refit(take, fit.hypothesis, fit.phi + off, fit.start, fit.scales)
+        assert again.penalised_log_likelihood > fit.penalised_log_likelihood - 4 * MIN_GAIN

@@ -43,7 +43,7 @@ from bcid.likelihood.marginal import (
     solve_triangular,
     student_log_densities,
 )
-from bcid.likelihood.newton import evaluate_at
+from bcid.likelihood.newton import derivatives_at, evaluate_at, tangent_at
 from bcid.likelihood.nuisance import (
     linearise_nuisances,
     linearise_residuals,
@@ -56,7 +56,7 @@ from bcid.likelihood.refit import evaluate_fixed, refit
 from bcid.likelihood.refit_state import Effort, build_state
 from bcid.likelihood.refit_state import RefitProblem as Fitted
 from bcid.likelihood.score_test import affected_segments
-from bcid.likelihood.settling import move_initial_states
+from bcid.likelihood.settling import follow_parameters, move_initial_states
 from bcid.likelihood.take import (
     GROUP_S,
     KNOTS,
@@ -654,6 +654,40 @@ def test_a_segment_that_is_thrown_off_holds_no_other_where_it_is(part: Take) -> 
     np.testing.assert_allclose(there.start[others, :N_START], (start + now.terms.z)[others, :N_START])
     assert (student_log_densities(there.terms) > student_log_densities(now.terms) - SEGMENT_LIMITS.max_loss_nats).all()
     np.testing.assert_allclose(there.r, of.residuals(phi, there.start), atol=1e-12)
+
+
+# --- initial states that go along with the parameters --------------------------------------------------------------
+
+
+def test_initial_states_take_up_what_they_can_of_a_change(part: Take) -> None:
+    """A change of the poses that is all of initial states is undone by them; what they had yet to earn stays to earn."""
+    take, of, phi = quietly(part)
+    start = take.start + 0.01 * (np.arange(N_NUISANCE) == N_POSE_AND_FORWARD)
+    at = linearise_residuals(take, BASE.prediction_inputs(phi, take), start)
+    now = build_state(of, phi, start, LOUD, at.r, at.A, 0)
+    y = np.random.default_rng(6).normal(0.0, 1e-3, (take.segments, N_START))
+    J = np.zeros((*at.r.shape, BASE.size))
+    J[:, :, 2] = np.einsum("ncf,nf->nc", at.A[:, :, :N_START], y.repeat(np.diff(take.first), axis=0))
+    there, r = follow_parameters(of, now, phi + 1e-9 * (np.arange(BASE.size) == 2), 1e9 * J)
+    np.testing.assert_allclose(there[:, :N_START], start[:, :N_START] - y, atol=1e-9)
+    np.testing.assert_allclose(r, of.residuals(phi, there), atol=1e-6)
+    held, _ = follow_parameters(of, now, phi, J)
+    np.testing.assert_array_equal(held, start)
+
+
+def test_a_segment_whose_derivatives_mislead_stays_where_it_began(part: Take) -> None:
+    """Told of a change that there is not, its initial state would go 60 m/s too fast; the others go along."""
+    take, of, phi = quietly(part)
+    now = evaluate_at(of, phi, take.start, LOUD, 0)
+    misled = np.repeat(np.arange(take.segments) == 3, np.diff(take.first))
+    J = derivatives_at(of, tangent_at(of, now), now)
+    J[misled] += 1e5 * now.A[misled][:, :, N_POSE_AND_FORWARD, None]
+    after = phi + 1e-3 * (np.arange(BASE.size) == 1)
+    there, r = follow_parameters(of, now, after, J)
+    others = np.arange(take.segments) != 3
+    np.testing.assert_array_equal(there[3], now.start[3])
+    assert (there[others, :N_START] != now.start[others, :N_START]).any(axis=1).all()
+    np.testing.assert_allclose(r, of.residuals(after, there), atol=1e-12)
 
 
 def test_a_segment_that_has_strayed_begins_anew_alone(part: Take) -> None:
