@@ -22,6 +22,7 @@ from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
 from bcid.experiment.simulate import observe_states
+from bcid.likelihood import settling
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import EFFECT_STEP, parameter_jacobian
 from bcid.likelihood.lane_rollout import segment_layout
@@ -56,7 +57,7 @@ from bcid.likelihood.refit import evaluate_fixed, refit
 from bcid.likelihood.refit_state import Effort, build_state
 from bcid.likelihood.refit_state import RefitProblem as Fitted
 from bcid.likelihood.score_test import affected_segments
-from bcid.likelihood.settling import follow_parameters, move_initial_states
+from bcid.likelihood.settling import answer_parameters, follow_parameters, move_initial_states
 from bcid.likelihood.take import (
     GROUP_S,
     KNOTS,
@@ -659,35 +660,41 @@ def test_a_segment_that_is_thrown_off_holds_no_other_where_it_is(part: Take) -> 
 # --- initial states that go along with the parameters --------------------------------------------------------------
 
 
-def test_initial_states_take_up_what_they_can_of_a_change(part: Take) -> None:
-    """A change of the poses that is all of initial states is undone by them; what they had yet to earn stays to earn."""
+def test_initial_states_and_pushes_take_up_what_they_can_of_a_change(part: Take) -> None:
+    """They move as the likeliest ones do when the residual changes, and what they have yet to earn stays to earn."""
     take, of, phi = quietly(part)
-    start = take.start + 0.01 * (np.arange(N_NUISANCE) == N_POSE_AND_FORWARD)
+    rng = np.random.default_rng(6)
+    off = np.r_[np.full(N_START, 1e-3), np.full(N_NUISANCE - N_START, 0.03)]
+    start = take.start + off * rng.standard_normal(take.start.shape)
     at = linearise_residuals(take, BASE.prediction_inputs(phi, take), start)
     now = build_state(of, phi, start, LOUD, at.r, at.A, 0)
-    y = np.random.default_rng(6).normal(0.0, 1e-3, (take.segments, N_START))
-    J = np.zeros((*at.r.shape, BASE.size))
-    J[:, :, 2] = np.einsum("ncf,nf->nc", at.A[:, :, :N_START], y.repeat(np.diff(take.first), axis=0))
-    there, r = follow_parameters(of, now, phi + 1e-9 * (np.arange(BASE.size) == 2), 1e9 * J)
-    np.testing.assert_allclose(there[:, :N_START], start[:, :N_START] - y, atol=1e-9)
-    np.testing.assert_allclose(r, of.residuals(phi, there), atol=1e-6)
-    held, _ = follow_parameters(of, now, phi, J)
+    J, step = rng.normal(0.0, 0.01, (*at.r.shape, BASE.size)), 1e-6 * rng.standard_normal(BASE.size)
+    answers = answer_parameters(of, now, J)
+    then = build_state(of, phi, start, LOUD, at.r - 1e6 * J @ step, at.A, 0)
+    np.testing.assert_allclose(1e6 * answers @ step, then.terms.z - now.terms.z, rtol=1e-6, atol=1e-9)
+    there, r = follow_parameters(of, now, phi + step, answers)
+    np.testing.assert_allclose(there, start + answers @ step)
+    np.testing.assert_allclose(r, of.residuals(phi + step, there), atol=1e-12)
+    held, _ = follow_parameters(of, now, phi, answers)
     np.testing.assert_array_equal(held, start)
 
 
-def test_a_segment_whose_derivatives_mislead_stays_where_it_began(part: Take) -> None:
-    """Told of a change that there is not, its initial state would go 60 m/s too fast; the others go along."""
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_segment_that_is_misled_stays_where_it_began(part: Take, lost: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its initial state would go 60 m/s too fast; it goes along all the same where its prediction is lost otherwise."""
     take, of, phi = quietly(part)
     now = evaluate_at(of, phi, take.start, LOUD, 0)
-    misled = np.repeat(np.arange(take.segments) == 3, np.diff(take.first))
-    J = derivatives_at(of, tangent_at(of, now), now)
-    J[misled] += 1e5 * now.A[misled][:, :, N_POSE_AND_FORWARD, None]
+    answers = answer_parameters(of, now, derivatives_at(of, tangent_at(of, now), now))
+    answers[3, N_POSE_AND_FORWARD, 1] += 6e4
     after = phi + 1e-3 * (np.arange(BASE.size) == 1)
-    there, r = follow_parameters(of, now, after, J)
+    if lost:
+        monkeypatch.setattr(settling.nuisance, "pose_residuals", lambda part, *_: np.full_like(part.pose, np.nan))
+    there, r = follow_parameters(of, now, after, answers)
     others = np.arange(take.segments) != 3
-    np.testing.assert_array_equal(there[3], now.start[3])
-    assert (there[others, :N_START] != now.start[others, :N_START]).any(axis=1).all()
-    np.testing.assert_allclose(r, of.residuals(after, there), atol=1e-12)
+    assert (there[3] != now.start[3]).any() == lost
+    np.testing.assert_array_equal(there[others], (now.start + answers @ (after - phi))[others])
+    monkeypatch.undo()
+    np.testing.assert_allclose(r, of.residuals(after, there), atol=1e-9)
 
 
 def test_a_segment_that_has_strayed_begins_anew_alone(part: Take) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cars import CAR
+from concealed import concealing
 
 from bcid.diagnosis.base_parameters import without_trust
 from bcid.diagnosis.locate.pushes import STATE_NAMES, Disturbances, estimate_disturbances
@@ -19,11 +20,12 @@ from bcid.diagnosis.search.screen import screen_effects, simulate_trials
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import CORRECTIONS, MEASURED_SPEED, RAW_COMMANDS
 from bcid.effects.entry import VehicleScale
-from bcid.effects.table import EFFECTS
+from bcid.effects.table import EFFECTS, ENTRIES
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
-from bcid.likelihood import newton, nuisance, refit_state
+from bcid.likelihood import nuisance, refit_state
 from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.marginal import (
     Scales,
     estimate_scales,
@@ -551,12 +553,28 @@ def test_a_parameter_at_its_end_makes_no_room(null_take: Take, null_fit: Fit) ->
     assert found[1].G[0, 0] > 100.0 * max(found[0].G[0, 0], 1.0)
 
 
-def test_a_lag_that_a_simulation_knows_to_be_none_is_felt(null_take: Take, null_fit: Fit) -> None:
-    """It is trusted by less than the width of a difference, and below it no effect is: nothing would change there."""
-    known = replace(BASE, assumed=("motor_lag",)).trust_simulation([0.0], 0.01).with_effects()
-    phi = known.phi_of(null_fit.car(), [0.0])
+def test_a_lag_that_a_simulation_knows_to_be_none_is_felt_as_a_small_one(null_take: Take, null_fit: Fit) -> None:
+    """It is trusted by less than any difference, and below it no effect is; and to have a lag at all is a jump."""
+    known = replace(BASE, assumed=("motor_lag",)).trust_simulation([0.0], 1e-4).with_effects()
+    own = range(known.size - 1, known.size)
     low, high = known.bounds()
     assert low[-1] == 0.0 < high[-1]
-    r = pose_residuals(null_take, known.prediction_inputs(phi, null_take), null_fit.start)
-    last = newton.parameter_jacobian(null_take, known, phi, null_fit.start, r, range(known.size - 1, known.size))
-    assert np.abs(last).max() > 0.0
+
+    def answer(size: float) -> np.ndarray:
+        phi = known.phi_of(null_fit.car(), [size * known.effect_units()[0]])
+        r = pose_residuals(null_take, known.prediction_inputs(phi, null_take), null_fit.start)
+        return parameter_jacobian(null_take, known, phi, null_fit.start, r, own)
+
+    none, small = answer(0.0), answer(0.05)
+    assert np.linalg.norm(none - small) < 0.3 * np.linalg.norm(small)
+
+
+@pytest.mark.parametrize("size", [1.0, 2.0])
+def test_a_refit_finds_a_lag_from_none(size: float) -> None:
+    true = size * ENTRIES["tyre_relaxation"].parameters[0].size
+    base, take = concealing(60.0, tyre_relaxation=true)
+    more, phi = base.hypothesis.add_effect("tyre_relaxation", base.phi, [0.0])
+    found = refit(take, more, phi, base.start, base.scales)
+    sigma, se = found.effect_estimates()["tyre_relaxation__sigma"]
+    assert sigma == pytest.approx(true, abs=4.0 * se)
+    assert se < 0.2 * true

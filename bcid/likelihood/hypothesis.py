@@ -176,6 +176,12 @@ class Hypothesis:
         own = [p.is_place for _, p in self.effect_parameters]
         return np.array([*[False] * self.base_size, *own, *[False] * len(self.remainder.sd)])
 
+    def is_off(self, phi: Floats) -> Bools:
+        """Mask of the parameter vector phi: True where an effect's parameter is where the effect does nothing."""
+        off = np.array([p.off for _, p in self.effect_parameters]) / self.effect_units()
+        own = phi[self.base_size : self.named_size] == off
+        return np.array([*[False] * self.base_size, *own, *[False] * len(self.remainder.sd)])
+
     def effect_units(self) -> Floats:
         """Values (SI) of the effect parameters that are 1 in the parameter vector phi."""
         return np.array([1.0 if p.is_place else p.size for _, p in self.effect_parameters])

@@ -1,9 +1,10 @@
 """Derivatives of predicted poses by the parameters of a hypothesis.
 
 Base parameters that act on the body go along with the variational equation; effects, and an unknown servo, which acts
-ahead of the body, are differences of predictions.  These are narrow, so that they are of the point where the initial
-states are linearised: from an initial state that stays where it was, a car that rolls to rest ends up elsewhere after
-a small change, and what the states do not take up of that would count as information.
+ahead of the body, are differences of predictions.  These are narrow: from an initial state that stays where it was, a
+car that rolls to rest ends elsewhere after a small change, and what initial states do not take up of that would pass
+for information.  They are wide where an effect is off, which is a kink or a jump of some (a lag is there or not), and
+of a place, whose edge has to pass over poses.
 """
 
 from collections.abc import Sequence
@@ -18,9 +19,8 @@ from bcid.likelihood.predict import wrap_yaw
 from bcid.likelihood.prediction_inputs import ChangedCars
 from bcid.likelihood.take import Take
 
-# difference steps of base parameters, of effects in units of their size, and of the places of effects, whose edges a
-# smaller step would not carry over any pose
-BASE_STEP, EFFECT_STEP, PLACE_STEP = 1e-3, 5e-4, 0.05
+# difference steps of base parameters, and of effects in units of their size
+BASE_STEP, EFFECT_STEP, WIDE_STEP = 1e-3, 5e-4, 0.05
 CAR_STEP = 1e-6  # of base parameters in phi, where rates are differentiated at one state
 SERVO = ("T_s", "d")  # base parameters that act ahead of the body
 
@@ -86,9 +86,9 @@ def parameter_jacobian(
     phi.  A difference is taken downwards where an upward one would leave the bounds.
     """
     _, high = hypothesis.bounds()
-    columns, is_place = [], hypothesis.is_place
+    columns, wide = [], hypothesis.is_place | hypothesis.is_off(phi)
     for j in components:
-        width = BASE_STEP if j < hypothesis.base_size else PLACE_STEP if is_place[j] else EFFECT_STEP
+        width = BASE_STEP if j < hypothesis.base_size else WIDE_STEP if wide[j] else EFFECT_STEP
         moved = phi.copy()
         moved[j] += width if phi[j] + width <= high[j] else -width
         there = pose_residuals(take, hypothesis.prediction_inputs(moved, take), start)

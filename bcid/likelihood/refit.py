@@ -29,7 +29,7 @@ from bcid.likelihood.refit_state import (
     build_state,
     segment_worths,
 )
-from bcid.likelihood.settling import follow_parameters, move_initial_states
+from bcid.likelihood.settling import answer_parameters, follow_parameters, move_initial_states
 from bcid.likelihood.take import Take
 from bcid.physics.car import Car
 
@@ -139,7 +139,7 @@ def _refit_by_tangents(problem: RefitProblem, state: RefitState) -> tuple[Tangen
     for _ in range(effort.tangents):
         J = None if rough else none_if_diverged(newton.derivatives_at, problem, tangent, state)
         ahead = _descend_along_tangent(problem, tangent, state, J, FAR)
-        if ahead.objective - state.worth < effort.least:
+        if ahead is state or ahead.objective - state.worth < effort.least:
             break
         better = _evaluate_ahead(problem, state, ahead)
         if better is None:
@@ -171,9 +171,9 @@ def _descend_along_tangent(
 
 
 class Slopes(NamedTuple):
-    """How the predictions and the likelihood of a refit change with phi at a state."""
+    """How a refit's initial states and pushes, and its likelihood, change with phi at a state."""
 
-    J: Floats  # (N, 3, n) derivatives of predicted poses
+    answers: Floats  # (S, N_NUISANCE, n) of the likeliest initial states and pushes
     slope: Floats  # (n,) of log-likelihood plus log prior
     curvature: Floats  # (n, n) about its negative Hessian
 
@@ -181,7 +181,7 @@ class Slopes(NamedTuple):
 def _slope_along(problem: RefitProblem, tangent: Tangent, state: RefitState, J: Floats | None) -> Slopes:
     """Slopes by phi along a `tangent` at a `state`, with derivatives `J` of the poses, or without it those there."""
     J = newton.derivatives_at(problem, tangent, state) if J is None else J
-    return Slopes(J, *newton.slope_and_curvature(problem, state, J))
+    return Slopes(answer_parameters(problem, state, J), *newton.slope_and_curvature(problem, state, J))
 
 
 def _evaluate_ahead(problem: RefitProblem, anchor: RefitState, ahead: RefitState) -> RefitState | None:
@@ -211,20 +211,20 @@ def _step_parameters(problem: RefitProblem, state: RefitState, at: Slopes) -> Re
     bounds = problem.hypothesis.bounds()
     for damping in PHI_DAMPINGS:
         phi = newton.bounded_newton_step(state.phi, at.slope, at.curvature + damping * np.eye(len(at.slope)), bounds)
-        trial = none_if_diverged(_state_along_tangent, problem, phi, state, at.J)
+        trial = none_if_diverged(_state_along_tangent, problem, phi, state, at.answers)
         if trial and trial.objective > state.objective:
             moved = move_initial_states(problem, trial)
             return moved if moved.objective > state.objective else trial
     return state
 
 
-def _state_along_tangent(problem: RefitProblem, phi: Floats, state: RefitState, J: Floats) -> RefitState:
+def _state_along_tangent(problem: RefitProblem, phi: Floats, state: RefitState, answers: Floats) -> RefitState:
     """The refit's state at another parameter vector phi, with residuals predicted anew, derivatives those of `state`.
 
-    Initial states and pushes go along with phi, as the derivatives `J` (N, 3, n) of poses by it tell.  Noise and push
-    scales are re-estimated from those of `state`.
+    Initial states and pushes go along with phi, by `answers` (S, N_NUISANCE, n) to a unit of it.  Noise and push scales
+    are re-estimated from those of `state`.
     """
-    start, r = follow_parameters(problem, state, phi, J)
+    start, r = follow_parameters(problem, state, phi, answers)
     return build_state(problem, phi, start, state.scales, r, state.A)
 
 

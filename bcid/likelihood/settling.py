@@ -6,6 +6,7 @@ they are linearised: it has to lie where the likelihood by them is greatest, or 
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -135,27 +136,40 @@ def _begin_by_pieces(problem: RefitProblem, state: RefitState, chosen: Ints) -> 
     return _Segments(part.first, found.start, AboutNuisances(found.r, found.A), found.terms)
 
 
-def follow_parameters(problem: RefitProblem, state: RefitState, phi: Floats, J: Floats) -> tuple[Floats, Floats]:
+def answer_parameters(problem: RefitProblem, state: RefitState, J: Floats) -> Floats:
+    """What a step of phi does to the likeliest initial states and pushes (S, N_NUISANCE, n), to first order.
+
+    It is -V A^T R^-1 J in each segment, with the derivatives A of the poses by initial states and pushes, those by phi
+    in `J` (N, 3, n), and the posterior covariance V.
+    """
+    first, root = problem.take.first, state.terms.root
+    out = np.empty((len(root), root.shape[1], J.shape[2]))
+    for s, (a, b) in enumerate(itertools.pairwise(first)):
+        weighted = state.A[a:b] / (state.scales.r**2)[:, None]
+        out[s] = -root[s].T @ (root[s] @ np.tensordot(weighted, J[a:b], axes=((0, 1), (0, 1))))
+    return out
+
+
+def follow_parameters(problem: RefitProblem, state: RefitState, phi: Floats, answers: Floats) -> tuple[Floats, Floats]:
     """Initial states and pushes (S, N_NUISANCE) that go along with the parameters to `phi`, and the residual (N, 3).
 
-    As far as the poses' derivatives `J` (N, 3, n) by phi tell, they take up what they can of the change: from an
-    initial state that stays, a car leaves the measured path farther than derivatives follow it.  What they have yet to
-    earn where they are they do not take here.  A segment that loses so begins where it did, if it loses less there.
+    They move by `answers` (S, N_NUISANCE, n) per unit of phi (`answer_parameters`): from an initial state that stays, a
+    car leaves the measured path farther than derivatives follow it.  What they would gain without any change of phi is
+    left to other steps.  A segment that loses so stays where it began, if it is worth more there.
     """
-    change, take, scales = J @ (phi - state.phi), problem.take, state.scales
-    moments = segment_moments(-change, state.A, take.first)
-    start = state.start + marginal.eliminate_nuisance(moments, scales.r, scales.nuisance_precisions()).z
+    take, scales = problem.take, state.scales
+    start = state.start + answers @ (phi - state.phi)
     r = problem.residuals(phi, start)
     terms = _terms_along_tangent(state.A, r, start, take, scales)
     lost = np.flatnonzero(~(_segment_gains(terms, state.terms) > -SEGMENT_LIMITS.max_loss_nats))
     if len(lost):
-        part, rows = take.part(lost), take.rows(lost)
-        stays = nuisance.pose_residuals(part, problem.hypothesis.prediction_inputs(phi, take), state.start[lost])
-        there = _terms_along_tangent(state.A[rows], stays, state.start[lost], part, scales)
-        better = ~(_segment_gains(_part_of(terms, lost), there) > 0.0)
-        start[lost[better]] = state.start[lost[better]]
+        part, rows, before = take.part(lost), take.rows(lost), state.start[lost]
+        held = nuisance.pose_residuals(part, problem.hypothesis.prediction_inputs(phi, take), before)
+        there = _terms_along_tangent(state.A[rows], held, before, part, scales)
+        better = np.isfinite(there.chi2) & ~(_segment_gains(_part_of(terms, lost), there) > 0.0)
+        start[lost[better]] = before[better]
         own = np.repeat(better, np.diff(part.first))
-        r[rows[own]] = stays[own]
+        r[rows[own]] = held[own]
     return start, r
 
 
