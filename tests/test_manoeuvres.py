@@ -41,9 +41,11 @@ from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
+from bcid.likelihood.newton import evaluate_at
 from bcid.likelihood.nuisance import linearise_nuisances, pose_residuals
 from bcid.likelihood.prepare import scale_at_speed
 from bcid.likelihood.refit import Fit
+from bcid.likelihood.refit_state import RefitProblem
 from bcid.likelihood.take import N_NUISANCE, SEGMENT_S, Take, concatenate_takes
 from bcid.recording.formats.commands_file import read_commands_file
 from bcid.vehicle import Body, Motor, Steering, Vehicle
@@ -218,6 +220,20 @@ def test_coasting_and_turning_tell_rolling_from_air_drag_and_a_steady_circle_doe
     assert best.repeats >= 1
     for word in ("rear_rolling_viscous", "quadratic_drag", "v_x", "speed", "m/s"):
         assert word in best.why
+
+
+def test_a_difference_is_that_from_where_each_explanation_comes_nearest() -> None:
+    """It is what the likelihood of a simulated drive loses; from one initial state it would be five times that."""
+    drive = next(d for d in feasible_drives(CAR, LIMIT, TOP) if d.name == "coast-down")
+    truth, rival = unfitted(BASE, BASE.phi_of(CAR)), unfitted(*holding("front_coulomb_friction", 180.0))
+    take, _ = simulate_planned_drive(drive, truth.hypothesis, truth.phi, truth.scales, seed=3)
+    chi2 = [
+        evaluate_at(
+            RefitProblem(take, f.hypothesis, f.hypothesis.prior(f.phi)), f.phi, take.start, truth.scales, em_steps=0
+        ).terms.chi2.sum()
+        for f in (truth, rival)
+    ]
+    assert measure_separation(drive, truth, rival).square == pytest.approx(chi2[1] - chi2[0], rel=0.15)
 
 
 def test_a_score_is_what_base_parameters_leave() -> None:

@@ -16,10 +16,11 @@ from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales, checked_marginal_terms, score_and_information, segment_moments
-from bcid.likelihood.nuisance import linearise_nuisances, pose_residuals
-from bcid.likelihood.predict import wrap_yaw
+from bcid.likelihood.newton import evaluate_at
+from bcid.likelihood.nuisance import about_no_pushes, linearise_nuisances, pose_residuals
 from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.refit import Fit
+from bcid.likelihood.refit_state import RefitProblem
 from bcid.likelihood.take import Take
 from bcid.physics.car import integration_step
 
@@ -91,13 +92,16 @@ def measure_separation(drive: PlannedDrive, truth: Fit, rival: Fit) -> Separatio
     """Compute, for one drive, the terms of the expected log-likelihood difference of two fitted models.
 
     They are d^T P d, J^T P d and J^T P J: d is the difference of both pose predictions, J the Jacobian of `truth` and
-    P the noise's precision with initial states and disturbances marginalised.  The drive is simulated with `truth`,
-    and both predict each segment from its simulated initial state.
+    P the noise's precision with initial states and disturbances marginalised.  The drive is simulated with `truth`.
+    `rival` predicts each segment from the initial state, and under the disturbances, with which it comes nearest to
+    that: from the simulated one a car that rolls to rest may end far away, which is no sign of either.
     """
     known = np.asarray(np.linalg.pinv(truth.covariance), dtype=float)
     take, inputs = simulate_planned_drive(drive, truth.hypothesis, truth.phi)
     r = pose_residuals(take, inputs, take.start)
-    d = wrap_yaw(pose_residuals(take, rival.hypothesis.prediction_inputs(rival.phi, take), take.start) - r)
+    of_rival = RefitProblem(take, rival.hypothesis, rival.hypothesis.prior(rival.phi))
+    nearest = evaluate_at(of_rival, rival.phi, take.start, truth.scales, em_steps=0)
+    d = -about_no_pushes(nearest.r, nearest.A, nearest.start, take.first)
     J = parameter_jacobian(take, truth.hypothesis, truth.phi, take.start, r, range(len(known)))
     G = segment_information(take, inputs, truth.scales, np.concatenate([J, d[:, :, None]], axis=2)).sum(axis=0)
     return Separation(float(G[-1, -1]), G[:-1, -1], G[:-1, :-1], known)
