@@ -121,10 +121,21 @@ def test_a_friction_is_a_viscous_one_at_one_speed_and_only_there(steady: bool, a
     true = fit_true_structure(base.fit, base.fit.hypothesis, base.take, effects, sizes)
     assert true.nats > LIKELIHOOD_LIMITS.usual_gate_nats
     answered = {"rear_rolling_viscous": {"rear_rolling_viscous__b": FRICTION_N}, "steering_offset": {}}
-    found = find_equivalents(true, base.take, effects, answered)
+    found = find_equivalents(true, base.take, effects, answered, LIKELIHOOD_LIMITS.usual_gate_nats)
     assert ("rear_rolling_viscous" in found) is alike
     assert "steering_offset" not in found
     assert not set(found) & set(effects)
+
+
+def test_what_is_there_besides_is_not_what_is_withheld_though_it_makes_a_drive_likelier() -> None:
+    without, take = concealing(120.0, steering_drag=60.0, steering_offset=0.02)
+    true = fit_true_structure(without, without.hypothesis, take, ["steering_drag"], {"steering_drag__k": 60.0})
+    answered = {"steering_offset": {"steering_offset__o": 0.02}}
+    more = without.hypothesis.with_effects("steering_offset")
+    besides = refit(take, more, more.phi_of(without.car(), [0.02]), without.start, without.scales)
+    assert besides.penalised_log_likelihood > true.fit.penalised_log_likelihood
+    found = find_equivalents(true, take, ["steering_drag"], answered, LIKELIHOOD_LIMITS.usual_gate_nats)
+    assert "steering_offset" not in found
 
 
 @pytest.fixture

@@ -74,13 +74,14 @@ def fit_true_structure(
 
 
 def find_equivalents(
-    true: TrueStructure, take: Take, effects: Sequence[str], answered: Mapping[str, Mapping[str, float]]
+    true: TrueStructure, take: Take, effects: Sequence[str], answered: Mapping[str, Mapping[str, float]], gate: float
 ) -> dict[str, float]:
     """Names that the drive cannot tell from the withheld `effects`, and by how many nats each is less likely.
 
-    Each is refitted in their place; `are_indistinguishable` decides, as it does of a verdict's rivals.  Tried are the
-    names of the answer (`answered`, with values by field where it has any) and, of the others, those that a score
-    test promises most of.  A name whose size ends at a bound is none.
+    Each is refitted in their place; `are_indistinguishable` decides, as it does of a verdict's rivals.  Beside it they
+    must be worth no more than the `gate` (nats): what makes the drive as likely but leaves as much to find is something
+    else.  Tried are the names of the answer (`answered`, with values by field where it has any) and, of the others,
+    those that a score test promises most of.  A name whose size ends at a bound is none.
     """
     less = true.fit.hypothesis.with_effects(*(e for e in true.fit.hypothesis.effects if e not in effects))
     without = _refit_without(true, less, take)
@@ -94,7 +95,9 @@ def find_equivalents(
     for name in (*tried, *others):
         fits = _refit_in_place(name, scored.get(name), tried.get(name, {}), true, without, take)
         best = next(iter(refits.rank_credible_fits(fits, take)), None)
-        if best is not None and are_indistinguishable(true.fit, best, take):
+        if best is None or not are_indistinguishable(true.fit, best, take):
+            continue
+        if _worth_beside(best, true, effects, take) <= gate:
             found[name] = round(refits.gain_nats(true.fit, best), 1)
     return dict(sorted(found.items(), key=lambda pair: pair[1]))
 
@@ -127,6 +130,17 @@ def _refit_in_place(
     if own:
         phi = more.phi_at(true.fit.car(), {**_values_of(true.fit), **own})
         yield from map_converged(refit, [(take, more, phi, true.fit.start, true.fit.scales)])
+
+
+def _worth_beside(name: Fit, true: TrueStructure, effects: Sequence[str], take: Take) -> float:
+    """Nats that what is withheld, the `effects`, is worth beside a fit with a `name` in its place."""
+    more = name.hypothesis.with_effects(*name.hypothesis.effects, *effects)
+    starts = [
+        (take, more, more.phi_at(near.car(), _values_of(true.fit) | _values_of(name)), near.start, near.scales)
+        for near in (name, true.fit)
+    ]
+    both = next(iter(refits.rank_fits(map_converged(refit, starts))), None)
+    return refits.gain_nats(both, name) if both else 0.0
 
 
 def _values_of(fit: Fit) -> dict[str, float]:

@@ -98,7 +98,7 @@ def _find_truth(
     return {
         "worth": round(true.nats, 1), "published": published,
         "true": {f: list(v) for f, v in estimates.items() if f.partition("__")[0] in effects},
-        "equivalents": find_equivalents(true, take, effects, {**twins, **answered}) if shows else {},
+        "equivalents": find_equivalents(true, take, effects, {**twins, **answered}, row["gate"]) if shows else {},
     }  # fmt: skip
 
 
