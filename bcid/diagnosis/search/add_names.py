@@ -6,6 +6,7 @@ as if there were nothing else.  Only where a remainder still explains something 
 sought beside it: what has no name then stands in for itself.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
@@ -45,10 +46,14 @@ def add_names_plainly(state: SearchState, fit: Fit, more: Sequence[Fit], report:
 
 
 def weigh_plain_names(state: SearchState, rest: RemainderFit, fit: Fit) -> RemainderFit:
-    """The `fit`, with names that were added plainly to that of `rest`, with a remainder from the nearer start."""
+    """The `fit`, with names that were added plainly to that of `rest`, with a remainder from the nearer start.
+
+    Where neither start is near, the greater evidence of both counts.
+    """
     if fit is rest.named or _explains_most(fit, rest):
         return state.beside_remainder(fit)
-    return state.with_own_view(state.remember(add_beside_remainder(rest, fit, state.take)))
+    beside = state.with_own_view(state.remember(add_beside_remainder(rest, fit, state.take)))
+    return greater_evidence(_weigh_from_nothing(state, fit), beside)
 
 
 def add_names_beside_remainder(
@@ -151,15 +156,26 @@ def _weigh_candidate(
 
     A fit that explains most of what the remainder of `rest` does leaves little to a remainder, which is found from
     nothing; beside another the remainder is much the same.  Where little comes of what the score test has `promised` of
-    a fit that stands alone, it is tried beside that remainder, too.
+    a fit that stands alone, it is tried beside that remainder, too.  And where nothing comes of one that would count if
+    there were no remainder, its own is found from nothing after all: that of `rest` may have taken its place, and does
+    not give it up.
     """
-    found = None
+    found, take = None, state.take
     if _explains_most(fit, rest):
-        found = state.beside_remainder(refits.refit_fully(fit, state.take), to_exceed=to_exceed)
+        found = state.beside_remainder(refits.refit_fully(fit, take), to_exceed=to_exceed)
         if found.log_evidence - rest.log_evidence >= SEARCH_LIMITS.kept_promise * promised:
             return found
-    again = state.remember(add_beside_remainder(rest, fit, state.take, to_exceed))
-    return greater_evidence(found, again)
+    best = greater_evidence(found, state.remember(add_beside_remainder(rest, fit, take, to_exceed)))
+    counts = best.log_evidence > rest.log_evidence + state.required_nats(best.nats)
+    if counts or gain_nats(fit, rest.named) <= state.required_nats(best.nats):
+        return best
+    return greater_evidence(best, _weigh_from_nothing(state, refits.refit_fully(fit, take), to_exceed))
+
+
+def _weigh_from_nothing(state: SearchState, fit: Fit, to_exceed: float = -math.inf) -> RemainderFit:
+    """The `fit` with a remainder found from nothing, beside itself and beside the simulation as it is given."""
+    found = state.beside_remainder(fit, to_exceed=to_exceed)
+    return state.beside_remainder_from(state.given, found) if state.given else found
 
 
 def _explains_most(fit: Fit, rest: RemainderFit) -> bool:

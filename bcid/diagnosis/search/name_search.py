@@ -70,7 +70,7 @@ def name_effects(
     report("the base model's own simplifications")
     corrected = fit_corrections(base, take)
     report("a score test of every effect")
-    state = SearchState(take, basis_for(corrected, take), tuple(excluded))
+    state = SearchState(take, basis_for(corrected, take), tuple(excluded), given=given)
     before = state.beside_remainder(corrected)
     if given and before.nats > 0.0:
         before = state.beside_remainder_from(given, before)

@@ -33,6 +33,7 @@ class SearchState:
     basis: RemainderBasis
     excluded: tuple[str, ...]  # effects that must not be named
     nulls: NullGains = NO_NULLS  # what effects gain by chance beside the fit that the search has reached
+    given: Fit | None = None  # the simulation as it is given, if there is one
     weighed: dict[frozenset[str], RemainderFit] = field(default_factory=dict)  # of the greatest evidence
     likeliest: dict[frozenset[str], Fit] = field(default_factory=dict)  # without a remainder
     refused: set[str] = field(default_factory=set)  # effects that are not tried again beside the names there are
