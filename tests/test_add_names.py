@@ -37,6 +37,37 @@ def test_a_remainder_is_sought_from_nothing_beside_what_explains_most_of_it(
     assert at.refitted == [("a",)]  # the best one in any case
 
 
+@pytest.mark.parametrize(("plain", "sought"), [(0.04, False), (0.06, True)])
+def test_what_would_count_alone_has_a_remainder_of_its_own_where_that_of_the_rest_has_its_place(
+    plain: float, sought: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside more than a twentieth of what has no name an effect would count, were the remainder not in its place."""
+    left = 1000.0
+    at = Evidence(monkeypatch, {("a",): left})
+    at.from_rest[("a",)] = left - 5.0
+    found = _best_credible(state_of(), [fit(plain * left, "a")], beside(fit(0.0), left), {})
+    assert at.tried_from_rest == [("a",)]
+    assert (found is not None) is sought
+    assert at.refitted == ([("a",)] if sought else [])
+
+
+def test_that_remainder_is_sought_beside_the_simulation_as_it_is_given_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    at, asked = Evidence(monkeypatch, {("a",): 900.0}), list[Any]()
+    at.from_rest[("a",)] = 900.0
+    given: Any = fit(-5.0)
+
+    def from_given(_: SearchState, simulation: Any, rest: Any) -> Any:
+        asked.append(simulation)
+        return beside(rest.named, 1300.0)
+
+    monkeypatch.setattr(SearchState, "beside_remainder_from", from_given)
+    rest, candidate = beside(fit(0.0), 1000.0), fit(100.0, "a")
+    found = _best_credible(state_of(given=given), [candidate], rest, {})
+    assert asked == [given]
+    assert found is not None
+    assert found.log_evidence == pytest.approx(1400.0)
+
+
 @pytest.mark.parametrize(("reached", "again"), [(0.49, True), (0.51, False)])
 def test_where_little_comes_of_a_promise_an_effect_is_tried_from_the_remainder_s_own_fit(
     reached: float, again: bool, monkeypatch: pytest.MonkeyPatch
