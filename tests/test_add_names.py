@@ -16,6 +16,7 @@ from bcid.diagnosis.search.add_names import (
     add_name,
     add_names_beside_remainder,
     add_names_plainly,
+    weigh_plain_names,
 )
 from bcid.diagnosis.search.screen import CandidateEffect, NullGains
 from bcid.diagnosis.search.search_state import SearchState
@@ -56,16 +57,27 @@ def test_that_remainder_is_sought_beside_the_simulation_as_it_is_given_too(monke
     at.from_rest[("a",)] = 900.0
     given: Any = fit(-5.0)
 
-    def from_given(_: SearchState, simulation: Any, rest: Any) -> Any:
+    def from_given(_: SearchState, simulation: Any, rest: Any, to_exceed: float) -> Any:
         asked.append(simulation)
         return beside(rest.named, 1300.0)
 
     monkeypatch.setattr(SearchState, "beside_remainder_from", from_given)
     rest, candidate = beside(fit(0.0), 1000.0), fit(100.0, "a")
     found = _best_credible(state_of(given=given), [candidate], rest, {})
-    assert asked == [given]
+    assert asked[0] is given
     assert found is not None
     assert found.log_evidence == pytest.approx(1400.0)
+
+
+@pytest.mark.parametrize(("from_rest", "evidence"), [(1200.0, 1200.0), (1050.0, 1100.0)])
+def test_plain_names_have_the_greater_evidence_of_a_remainder_of_their_own_and_that_of_the_rest(
+    from_rest: float, evidence: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at = Evidence(monkeypatch, {("a",): 1000.0})
+    at.from_rest[("a",)] = from_rest
+    found = weigh_plain_names(state_of(), beside(fit(0.0), 1000.0), fit(100.0, "a"))
+    assert found.log_evidence == evidence
+    assert at.tried_from_rest == [("a",)]
 
 
 @pytest.mark.parametrize(("reached", "again"), [(0.49, True), (0.51, False)])

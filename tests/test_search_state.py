@@ -119,6 +119,24 @@ def test_a_remainder_may_be_found_from_the_simulation_as_it_is_given(
     assert (found.named, found.seen) == (rest.named, rest.seen)
     assert (found.fit is rest.fit) == (evidence == 50.0)
     assert state.beside_remainder(rest.named).log_evidence == evidence  # from here on
+    begun = len(at.refitted)
+    assert state.beside_remainder_from(simulation, found) is found
+    assert len(at.refitted) == begun  # once is enough
+
+
+def test_a_remainder_from_the_simulation_that_is_less_likely_leaves_one_that_ended_early(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    at, state = Evidence(monkeypatch, {A: 10.0}), state_of()
+    monkeypatch.setattr(search_state, "evaluate_fixed", lambda *_: fit(0.0, *A))
+    rest = beside(fit(0.0, *A), 50.0)._replace(settled=False)
+    rest.named.phi, rest.named.hypothesis.phi_at = None, lambda car, values: None
+    rest.named.hypothesis.effect_values = lambda phi: {}
+    simulation: Any = SimpleNamespace(
+        car=lambda: None, phi=None, scales=None, hypothesis=SimpleNamespace(effect_values=lambda phi: {})
+    )
+    assert state.beside_remainder_from(simulation, rest) is rest
+    assert at.refitted == [A]
 
 
 def test_trials_and_chance_are_those_beside_the_names_that_are_held(monkeypatch: pytest.MonkeyPatch) -> None:

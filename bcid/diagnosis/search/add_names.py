@@ -6,7 +6,6 @@ as if there were nothing else.  Only where a remainder still explains something 
 sought beside it: what has no name then stands in for itself.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
@@ -46,14 +45,14 @@ def add_names_plainly(state: SearchState, fit: Fit, more: Sequence[Fit], report:
 
 
 def weigh_plain_names(state: SearchState, rest: RemainderFit, fit: Fit) -> RemainderFit:
-    """The `fit`, with names that were added plainly to that of `rest`, with a remainder from the nearer start.
+    """The `fit`, with names that were added plainly to that of `rest`, with the remainder of greatest evidence.
 
-    Where neither start is near, the greater evidence of both counts.
+    It is weighed anew, and unless it explains most of what the remainder of `rest` does, beside that remainder, too.
     """
+    anew = state.weigh_anew(fit)
     if fit is rest.named or _explains_most(fit, rest):
-        return state.beside_remainder(fit)
-    beside = state.with_own_view(state.remember(add_beside_remainder(rest, fit, state.take)))
-    return greater_evidence(_weigh_from_nothing(state, fit), beside)
+        return anew
+    return greater_evidence(anew, state.with_own_view(state.remember(add_beside_remainder(rest, fit, state.take))))
 
 
 def add_names_beside_remainder(
@@ -133,7 +132,7 @@ def _best_credible(
     for f in refits.rank_credible_fits([*fits, *more], state.take):
         to_exceed = max(least, best.log_evidence) if best else least
         found = _weigh_candidate(state, rest, f, to_exceed, promised.get(f.hypothesis.effects[-1], 0.0))
-        if found.log_evidence > rest.log_evidence + state.required_nats(found.nats):
+        if _counts(state, found, rest):
             best = greater_evidence(best, found)
         elif to_exceed == least and not any(f is other for other in more):
             added[f.hypothesis.effects[-1]] = found.log_evidence - rest.log_evidence
@@ -142,9 +141,14 @@ def _best_credible(
     return _converge_name(state, best) if best else None
 
 
+def _counts(state: SearchState, found: RemainderFit, rest: RemainderFit) -> bool:
+    """Whether what was `found` adds as much to `rest` as a name must beside what has none."""
+    return found.log_evidence > rest.log_evidence + state.required_nats(found.nats)
+
+
 def _converge_name(state: SearchState, best: RemainderFit) -> RemainderFit:
-    """The fit `best` refitted to its end, with its remainder and without one; the greater evidence of two starts."""
-    alone = state.beside_remainder(refits.refit_fully(best.named, state.take))
+    """The fit `best` refitted to its end, with its remainder and without one; the greater evidence of all starts."""
+    alone = state.weigh_anew(refits.refit_fully(best.named, state.take))
     found = converge_further(greater_evidence(best, alone), state.take)
     return state.with_own_view(state.remember(found._replace(named=alone.named)))
 
@@ -157,25 +161,18 @@ def _weigh_candidate(
     A fit that explains most of what the remainder of `rest` does leaves little to a remainder, which is found from
     nothing; beside another the remainder is much the same.  Where little comes of what the score test has `promised` of
     a fit that stands alone, it is tried beside that remainder, too.  And where nothing comes of one that would count if
-    there were no remainder, its own is found from nothing after all: that of `rest` may have taken its place, and does
-    not give it up.
+    there were no remainder, it is weighed anew: the remainder of `rest` may have taken its place, and does not give it
+    up.
     """
     found, take = None, state.take
     if _explains_most(fit, rest):
-        found = state.beside_remainder(refits.refit_fully(fit, take), to_exceed=to_exceed)
+        found = state.beside_remainder(refits.refit_fully(fit, take), to_exceed)
         if found.log_evidence - rest.log_evidence >= SEARCH_LIMITS.kept_promise * promised:
             return found
     best = greater_evidence(found, state.remember(add_beside_remainder(rest, fit, take, to_exceed)))
-    counts = best.log_evidence > rest.log_evidence + state.required_nats(best.nats)
-    if counts or gain_nats(fit, rest.named) <= state.required_nats(best.nats):
+    if _counts(state, best, rest) or gain_nats(fit, rest.named) <= state.required_nats(best.nats):
         return best
-    return greater_evidence(best, _weigh_from_nothing(state, refits.refit_fully(fit, take), to_exceed))
-
-
-def _weigh_from_nothing(state: SearchState, fit: Fit, to_exceed: float = -math.inf) -> RemainderFit:
-    """The `fit` with a remainder found from nothing, beside itself and beside the simulation as it is given."""
-    found = state.beside_remainder(fit, to_exceed=to_exceed)
-    return state.beside_remainder_from(state.given, found) if state.given else found
+    return greater_evidence(best, state.weigh_anew(found.named if found else refits.refit_fully(fit, take), to_exceed))
 
 
 def _explains_most(fit: Fit, rest: RemainderFit) -> bool:

@@ -93,7 +93,7 @@ def _judge(state: SearchState, rest: RemainderFit, name: str) -> Judged:
     """
     others = tuple(n for n in rest.named.hypothesis.effects if n != name)
     fit = state.keep_likeliest(refit_with_effects(rest.named, state.take, others))
-    plain, less = gain_nats(rest.named, fit), Lesser(fit, state.beside_remainder(fit))
+    plain, less = gain_nats(rest.named, fit), Lesser(fit, state.weigh_anew(fit))
     counted = _counted_share(rest.named, fit)
     alone = plain - state.gate / counted if counted else -np.inf
     if alone <= 0.0:

@@ -84,7 +84,7 @@ def name_effects(
     rest = _add_names(state, before, more, report)
     report("each name left out, and exchanged")
     fit = rest.named if "pose_latency" in excluded else replace_delays_by_latency(rest.named, take)
-    refined = state.with_own_view(state.beside_remainder(refine_places(fit, take)))
+    refined = state.with_own_view(state.weigh_anew(refine_places(fit, take)))
     kept = _keep_and_seek_again(state, refined, report)
     kept, rivals = _exchange_names(state, kept, (base, corrected))
     state.draw_nulls(kept.rest)
@@ -148,7 +148,7 @@ def _exchange_names(state: SearchState, kept: KeptNames, known: Sequence[Fit]) -
     for exchanges in range(MAX_EXCHANGES + 1):
         trials = state.trials_beside(kept.rest.named)
         others = exchange_until_stable(kept.rest.named, state.take, trials, (*known, *kept.without.values()))
-        exchanged = state.with_own_view(state.beside_remainder(others.best))
+        exchanged = state.with_own_view(state.weigh_anew(others.best))
         if exchanged.log_evidence <= kept.rest.log_evidence or exchanges == MAX_EXCHANGES:
             break
         kept = keep_names(state, exchanged)

@@ -39,6 +39,7 @@ class SearchState:
     refused: set[str] = field(default_factory=set)  # effects that are not tried again beside the names there are
     added: dict[str, float] = field(default_factory=dict)  # nats that effects added which were tried, or taken, in vain
     _weighed_from: dict[frozenset[str], float] = field(default_factory=dict)  # log-likelihoods of the fits weighed
+    _begun_at_given: dict[frozenset[str], float] = field(default_factory=dict)  # likewise, of those from the simulation
     _explained: dict[frozenset[str], tuple[Fit, Explained]] = field(default_factory=dict)  # the last fit of each
     _trials: dict[frozenset[str], TrialChanges] = field(default_factory=dict)
     _nulls: dict[frozenset[str], NullGains] = field(default_factory=dict)
@@ -114,19 +115,33 @@ class SearchState:
             self._weighed_from[key] = max(_likelihood(fit), self._weighed_from.get(key, -math.inf))
         return self.remember(found)
 
-    def beside_remainder_from(self, given: Fit, rest: RemainderFit) -> RemainderFit:
+    def weigh_anew(self, fit: Fit, to_exceed: float = -math.inf) -> RemainderFit:
+        """The fit with a remainder found from nothing, beside itself and beside the simulation as it is given.
+
+        The greater evidence of the two stands.
+        """
+        found = self.beside_remainder(fit, to_exceed)
+        return self.beside_remainder_from(self.given, found, to_exceed) if self.given else found
+
+    def beside_remainder_from(self, given: Fit, rest: RemainderFit, to_exceed: float = -math.inf) -> RemainderFit:
         """The fit `rest`, or the likelier one that begins at a simulation as it is `given`, in place of its refit.
 
-        A refit without a remainder may have moved the parameters of the simulation far, to do what has no name.
+        A refit without a remainder may have moved the parameters of the simulation far, to do what has no name.  Fits
+        that have begun there already are not found once more, but where they are likelier now.
         """
+        key, likelihood = effects_of(rest.named), _likelihood(rest.named)
+        if likelihood - self._begun_at_given.get(key, -math.inf) < MIN_GAIN:
+            return rest
         hypothesis = rest.named.hypothesis
         values = hypothesis.effect_values(rest.named.phi) | given.hypothesis.effect_values(given.phi)
         phi = hypothesis.phi_at(given.car(), values)
         start = none_if_diverged(evaluate_fixed, self.take, hypothesis, phi, given.scales)
         if start is None:
             return rest
-        found = fit_with_remainder(start, self.take, explain(start, self.take, self.basis))
-        return self.remember(found._replace(named=rest.named, seen=rest.seen))
+        found = fit_with_remainder(start, self.take, explain(start, self.take, self.basis), to_exceed=to_exceed)
+        if found.settled:
+            self._begun_at_given[key] = likelihood
+        return greater_evidence(rest, self.remember(found._replace(named=rest.named, seen=rest.seen)))
 
     def keep_likeliest(self, fit: Fit) -> Fit:
         """The likeliest fit with these effects, without a remainder, of this one and what is kept; it is kept."""

@@ -19,6 +19,8 @@ class QuestionLimits:
     # Effects, beside those that the answer names, that are refitted in the place of what is withheld, those of the
     # greatest score first: as many as a diagnosis exchanges a name for, and one more.  Not yet justified.
     max_equivalents_tried: int = 4
+    # Share of what is withheld that a name in its place may leave to be found beside it: most of it is explained then.
+    max_share_left: float = 0.5
     # Time (s) after which predicted and measured positions on another drive are compared: issue 42.
     transfer_horizon_s: float = 2.0
     # Standard errors of their difference within which a size found on two drives is the same: issue 42.

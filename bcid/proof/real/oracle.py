@@ -1,12 +1,13 @@
 """Which questions have an answer: what the withheld physics is worth on a drive, and what could stand in its place.
 
 A drive shows an effect if, with its size free, it makes the drive likelier by more than what chance reaches; no
-diagnosis could name it otherwise.  And a name that makes the drive as likely in its place is as right an answer.  Both
-are found by refits from several starts.
+diagnosis could name it otherwise.  And a name that makes the drive as likely in its place, and leaves little of it to
+be found, is as right an answer.  Both are found by refits from several starts.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -97,7 +98,7 @@ def find_equivalents(
         best = next(iter(refits.rank_credible_fits(fits, take)), None)
         if best is None or not are_indistinguishable(true.fit, best, take):
             continue
-        if _worth_beside(best, true, effects, take) <= gate:
+        if _worth_beside(best, true, effects, take) <= max(gate, LIMITS.max_share_left * true.nats):
             found[name] = round(refits.gain_nats(true.fit, best), 1)
     return dict(sorted(found.items(), key=lambda pair: pair[1]))
 
@@ -133,14 +134,17 @@ def _refit_in_place(
 
 
 def _worth_beside(name: Fit, true: TrueStructure, effects: Sequence[str], take: Take) -> float:
-    """Nats that what is withheld, the `effects`, is worth beside a fit with a `name` in its place."""
+    """Nats that what is withheld, the `effects`, adds beside a fit with a `name` in its place; infinity if all diverge.
+
+    By so much both together exceed the likelier of the two.
+    """
     more = name.hypothesis.with_effects(*name.hypothesis.effects, *effects)
     starts = [
         (take, more, more.phi_at(near.car(), _values_of(true.fit) | _values_of(name)), near.start, near.scales)
         for near in (name, true.fit)
     ]
     both = next(iter(refits.rank_fits(map_converged(refit, starts))), None)
-    return refits.gain_nats(both, name) if both else 0.0
+    return refits.gain_nats(both, refits.rank_fits([name, true.fit])[0]) if both else math.inf
 
 
 def _values_of(fit: Fit) -> dict[str, float]:
