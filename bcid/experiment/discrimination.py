@@ -91,8 +91,8 @@ class Separation(NamedTuple):
 def measure_separation(drive: PlannedDrive, truth: Fit, rival: Fit) -> Separation:
     """Compute, for one drive, the terms of the expected log-likelihood difference of two fitted models.
 
-    They are d^T P d, J^T P d and J^T P J: d is the difference of both pose predictions, J the Jacobian of `truth` and
-    P the noise's precision with initial states and disturbances marginalised.  The drive is simulated with `truth`.
+    They are d^T P d, J^T P d and J^T P J: d is what is left between both predictions, J the Jacobian of `truth` and P
+    the noise's precision with initial states and disturbances marginalised.  The drive is simulated with `truth`.
     `rival` predicts each segment from the initial state, and under the disturbances, with which it comes nearest to
     that: from the simulated one a car that rolls to rest may end far away, which is no sign of either.
     """
@@ -113,10 +113,10 @@ def find_discriminating_drive(
     """Find the catalogue's drive that discriminates best between two rival fits, in at most `max_repeats` repeats.
 
     "Best" is by the expected log-likelihood difference if `truth` is true: half of d^T P d, summed over segments, d
-    being the difference of both pose predictions and P the noise's precision with initial states and disturbances
-    marginalised; the part of d that refitted parameters of `truth` could explain is projected out.  None if the
-    difference after all repeats is below `usual_gate_nats`.  `max_throttle` is a speed (m/s), or 1 where the throttle
-    sets a force.
+    being what is left between both predictions (`measure_separation`) and P the noise's precision with initial
+    states and disturbances marginalised; the part of d that refitted parameters of `truth` could explain is
+    projected out. None if the difference after all repeats is below `usual_gate_nats`. `max_throttle` is a speed
+    (m/s), or 1 where the throttle sets a force.
     """
     hypothesis, phi = truth.hypothesis, truth.phi
     walls, found = arena._replace(margin=0.0), list[tuple[PlannedDrive, Separation]]()
