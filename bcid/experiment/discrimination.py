@@ -115,7 +115,7 @@ def find_discriminating_drive(
     "Best" is by the expected log-likelihood difference if `truth` is true: half of d^T P d, summed over segments, d
     being what is left between both predictions (`measure_separation`) and P the noise's precision with initial
     states and disturbances marginalised; the part of d that refitted parameters of `truth` could explain is
-    projected out. None if the difference after all repeats is below `usual_gate_nats`. `max_throttle` is a speed
+    projected out.  None if the difference after all repeats is below `usual_gate_nats`.  `max_throttle` is a speed
     (m/s), or 1 where the throttle sets a force.
     """
     hypothesis, phi = truth.hypothesis, truth.phi
