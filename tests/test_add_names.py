@@ -57,11 +57,11 @@ def test_that_remainder_is_sought_beside_the_simulation_as_it_is_given_too(monke
     at.from_rest[("a",)] = 900.0
     given: Any = fit(-5.0)
 
-    def from_given(_: SearchState, simulation: Any, rest: Any, to_exceed: float) -> Any:
-        asked.append(simulation)
+    def from_given(state: SearchState, rest: Any, to_exceed: float) -> Any:
+        asked.append(state.given)
         return beside(rest.named, 1300.0)
 
-    monkeypatch.setattr(SearchState, "beside_remainder_from", from_given)
+    monkeypatch.setattr(SearchState, "beside_remainder_from_given", from_given)
     rest, candidate = beside(fit(0.0), 1000.0), fit(100.0, "a")
     found = _best_credible(state_of(given=given), [candidate], rest, {})
     assert asked[0] is given

@@ -114,13 +114,14 @@ def test_a_remainder_may_be_found_from_the_simulation_as_it_is_given(
         car=lambda: "a car", phi=None, scales=None,
         hypothesis=SimpleNamespace(effect_values=lambda phi: {"tyre_fall__f": 0.2}),
     )  # fmt: skip
-    found = state.beside_remainder_from(simulation, rest)
+    state.given = simulation
+    found = state.beside_remainder_from_given(rest)
     assert found.log_evidence == evidence
     assert (found.named, found.seen) == (rest.named, rest.seen)
     assert (found.fit is rest.fit) == (evidence == 50.0)
     assert state.beside_remainder(rest.named).log_evidence == evidence  # from here on
     begun = len(at.refitted)
-    assert state.beside_remainder_from(simulation, found) is found
+    assert state.beside_remainder_from_given(found) is found
     assert len(at.refitted) == begun  # once is enough
 
 
@@ -135,7 +136,8 @@ def test_a_remainder_from_the_simulation_that_is_less_likely_leaves_one_that_end
     simulation: Any = SimpleNamespace(
         car=lambda: None, phi=None, scales=None, hypothesis=SimpleNamespace(effect_values=lambda phi: {})
     )
-    assert state.beside_remainder_from(simulation, rest) is rest
+    state.given = simulation
+    assert state.beside_remainder_from_given(rest) is rest
     assert at.refitted == [A]
 
 

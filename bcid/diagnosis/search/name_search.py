@@ -72,8 +72,8 @@ def name_effects(
     report("a score test of every effect")
     state = SearchState(take, basis_for(corrected, take), tuple(excluded), given=given)
     before = state.beside_remainder(corrected)
-    if given and before.nats > 0.0:
-        before = state.beside_remainder_from(given, before)
+    if before.nats > 0.0:
+        before = state.beside_remainder_from_given(before)
     state.draw_nulls(before)
     starts = [given, *others] if given else others
     more = [f for start in starts for f in refit_beside(start, corrected, take, excluded)]

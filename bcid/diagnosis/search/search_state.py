@@ -120,17 +120,17 @@ class SearchState:
 
         The greater evidence of the two stands.
         """
-        found = self.beside_remainder(fit, to_exceed)
-        return self.beside_remainder_from(self.given, found, to_exceed) if self.given else found
+        return self.beside_remainder_from_given(self.beside_remainder(fit, to_exceed), to_exceed)
 
-    def beside_remainder_from(self, given: Fit, rest: RemainderFit, to_exceed: float = -math.inf) -> RemainderFit:
-        """The fit `rest`, or the likelier one that begins at a simulation as it is `given`, in place of its refit.
+    def beside_remainder_from_given(self, rest: RemainderFit, to_exceed: float = -math.inf) -> RemainderFit:
+        """The fit `rest`, or the likelier one that begins at the simulation as it is given, in place of its refit.
 
-        A refit without a remainder may have moved the parameters of the simulation far, to do what has no name.  Fits
-        that have begun there already are not found once more, but where they are likelier now.
+        It is `rest` where there is no simulation.  A refit without a remainder may have moved the parameters of the
+        simulation far, to do what has no name.  Fits that have begun there already are not found once more, but where
+        they are likelier now.
         """
-        key, likelihood = effects_of(rest.named), _likelihood(rest.named)
-        if likelihood - self._begun_at_given.get(key, -math.inf) < MIN_GAIN:
+        given, key, likelihood = self.given, effects_of(rest.named), _likelihood(rest.named)
+        if given is None or likelihood - self._begun_at_given.get(key, -math.inf) < MIN_GAIN:
             return rest
         hypothesis = rest.named.hypothesis
         values = hypothesis.effect_values(rest.named.phi) | given.hypothesis.effect_values(given.phi)

@@ -80,9 +80,10 @@ def find_equivalents(
     """Names that the drive cannot tell from the withheld `effects`, and by how many nats each is less likely.
 
     Each is refitted in their place; `are_indistinguishable` decides, as it does of a verdict's rivals.  Beside it they
-    must be worth no more than the `gate` (nats): what makes the drive as likely but leaves as much to find is something
-    else.  Tried are the names of the answer (`answered`, with values by field where it has any) and, of the others,
-    those that a score test promises most of.  A name whose size ends at a bound is none.
+    must be worth no more than the `gate` (nats), or half of what they are worth alone if that is more: what makes the
+    drive as likely but leaves them to be found is something else.  Tried are the names of the answer (`answered`, with
+    values by field where it has any) and, of the others, those that a score test promises most of.  A name whose size
+    ends at a bound is none.
     """
     less = true.fit.hypothesis.with_effects(*(e for e in true.fit.hypothesis.effects if e not in effects))
     without = _refit_without(true, less, take)
