@@ -10,7 +10,8 @@ from concealed import concealing
 
 from bcid.aliases import Floats
 from bcid.diagnosis.remainder.evidence import Quadratic
-from bcid.diagnosis.remainder.explain import basis_for, explain, explained_by_chance
+from bcid.diagnosis.remainder.chance import Chance, draw_chance
+from bcid.diagnosis.remainder.explain import basis_for, explain
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
 from bcid.likelihood.marginal import NU
@@ -215,13 +216,21 @@ def test_functions_of_other_segments_have_their_values(fitted: tuple[Fit, Take])
 
 
 def test_what_is_missing_exceeds_what_chance_explains_and_what_is_not_does_not() -> None:
-    """Without the drag that the car has, and with it; once in nine times chance is exceeded by chance."""
+    """Without the drag that the car has, and with it."""
     fit, take = concealing(60.0, yaw_scrub=20.0)
     basis = basis_for(fit, take)
-    assert explain(fit, take, basis).nats > 2.0 * explained_by_chance(fit, take, basis)
-    beyond = []
+    assert explain(fit, take, basis).nats > 2.0 * draw_chance(fit, take, basis).reached_with(0.01)
     for seed in range(6):
         fit, take = concealing(60.0, seed=seed)
         basis = basis_for(fit, take)
-        beyond.append(explain(fit, take, basis).nats > explained_by_chance(fit, take, basis))
-    assert sum(beyond) <= 2
+        assert explain(fit, take, basis).nats <= max(draw_chance(fit, take, basis).reached_with(0.01), 2.0)
+
+
+def test_chance_has_the_law_of_its_draws() -> None:
+    """Of a gamma law: the standard exponential one, and what one draw in a hundred exceeds; without any, none."""
+    exponential = Chance(1.0, 1.0)
+    assert exponential.reached_with(0.01) == pytest.approx(np.log(100.0))
+    assert exponential.p_value(np.log(100.0)) == pytest.approx(0.01)
+    drawn = np.random.default_rng(3).gamma(3.0, 5.0, 100_000)
+    assert np.mean(drawn > Chance(drawn.mean(), drawn.std()).reached_with(0.02)) == pytest.approx(0.02, rel=0.05)
+    assert (Chance().reached_with(0.01), Chance().p_value(0.1)) == (0.0, 0.0)

@@ -132,14 +132,14 @@ def _predict_once(layout: SegmentLayout, inputs: PredictionInputs, start: Floats
     return poses
 
 
-def move_to_posterior(start: Floats, z: Floats, share: Floats | float = 1.0) -> Floats:
-    """Initial states and pushes (S, N_NUISANCE) after a `share` (S, 1) of a Gauss-Newton step from `start`.
+def move_to_posterior(start: Floats, z: Floats) -> Floats:
+    """Initial states and pushes (S, N_NUISANCE) after a Gauss-Newton step from `start`.
 
     `z` (S, N_NUISANCE) is the posterior mean: the change of the initial state, and then the pushes.
     """
     change = z - start
     change[:, :N_START] = z[:, :N_START]
-    return start + share * change
+    return start + change
 
 
 def without_pushes(start: Floats) -> Floats:

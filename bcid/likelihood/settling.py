@@ -26,10 +26,10 @@ from bcid.likelihood.refit_state import (
 from bcid.likelihood.take import KNOTS, N_START, Take, select_spans
 
 SETTLING_TANGENTS = 12  # along which an initial state goes where the likelihood is greatest, at most
-CHORDS = 4  # steps along each, with derivatives held fixed
+CHORDS = 6  # steps along each, with derivatives held fixed
 SETTLED_NATS = 0.05  # that the step of an initial state and pushes still promises, below which they stay
 FAR_NATS = 5.0  # that are promised where a segment may do better without its pushes
-SHORTER = 0.3  # of a step that has led astray, the share that is tried next
+LEAST_DAMPING, DAMPING_FACTOR = 1e-3, 10.0  # of a step that has led astray, and from each such step to the next
 
 
 def settle_initial_states(problem: RefitProblem, state: RefitState, em_steps: int) -> RefitState:
@@ -46,11 +46,12 @@ def settle_initial_states(problem: RefitProblem, state: RefitState, em_steps: in
 def _settle(problem: RefitProblem, state: RefitState) -> RefitState:
     """The refit's state, each segment's initial state and pushes moved to where its likelihood is greatest nearby."""
     found, stuck = state, np.zeros(problem.take.segments, dtype=bool)
+    damping = np.zeros(problem.take.segments)
     for _ in range(SETTLING_TANGENTS):
         unsettled = np.flatnonzero(~(stuck | (_unearned_nats(found) < SETTLED_NATS)))
         if not len(unsettled):
             break
-        start = _settle_along_tangent(problem, found, unsettled)
+        start, damping[unsettled] = _settle_along_tangent(problem, found, unsettled, damping[unsettled])
         moved = _linearise_from(problem, found, unsettled, start)
         before = _worths_there(_part_of(found.terms, unsettled), found.start[unsettled])
         better = _worths_there(moved.terms, moved.start) > before  # False where a prediction is not finite
@@ -80,27 +81,61 @@ def _worths_there(terms: MarginalTerms, start: Floats) -> Floats:
         return student_log_densities(terms) - promised_to_all(terms, start)
 
 
-def _settle_along_tangent(problem: RefitProblem, state: RefitState, chosen: Ints) -> Floats:
+def _settle_along_tangent(
+    problem: RefitProblem, state: RefitState, chosen: Ints, damping: Floats
+) -> tuple[Floats, Floats]:
     """Initial states and pushes (M, N_NUISANCE) of the segments `chosen` after steps with derivatives held fixed.
 
-    A step after which a segment is worth less is shortened, from where it began.
+    Each is damped by its own of `damping` (M,): more after a step after which a segment is worth less, which is taken
+    back, and less after one that is kept (Levenberg 1944, Marquardt 1963).  Returned is also the damping they end with.
     """
     part, rows = problem.take.part(chosen), problem.take.rows(chosen)
     inputs, A = problem.hypothesis.prediction_inputs(state.phi, problem.take), state.A[rows]
-    best, terms, share = state.start[chosen], _part_of(state.terms, chosen), np.ones((len(chosen), 1))
+    best, terms = state.start[chosen], _part_of(state.terms, chosen)
     worth = _worths_there(terms, best)
     for _ in range(CHORDS):
         # one that has settled stays, whatever else is sought
         unsettled = ~(promised_to_all(terms, best) < SETTLED_NATS)
         if not unsettled.any():
             break
-        start = move_to_posterior(best, terms.z, share)
+        start = damped_step(best, terms, damping)
         there = _terms_along_tangent(A, nuisance.pose_residuals(part, inputs, start), start, part, state.scales)
         now = _worths_there(there, start)
         better = unsettled & (now > worth)
         best, worth = np.where(better[:, None], start, best), np.where(better, now, worth)
-        terms, share = _select_terms(better, there, terms), np.where(better[:, None], 1.0, SHORTER * share)
-    return best
+        terms = _select_terms(better, there, terms)
+        damping = np.where(better, _less_damping(damping), np.where(unsettled, _more_damping(damping), damping))
+    return best, damping
+
+
+def damped_step(start: Floats, terms: MarginalTerms, damping: Floats) -> Floats:
+    """Initial states and pushes (S, N_NUISANCE) after a Gauss-Newton step from `start`, damped by `damping` (S,).
+
+    To the posterior precision M its diagonal is added so many times.  A stiff car forgets how it slipped and turned
+    within a few hundredths of a second: poses hardly show it, and the whole step leads so far that nothing is linear,
+    while a share of it leaves all else where it was.
+    """
+    change = move_to_posterior(start, terms.z) - start
+    finite = np.isfinite(terms.root).all(axis=(1, 2)) & np.isfinite(change).all(axis=1)
+    chosen = np.flatnonzero(finite & (damping > 0.0))
+    L = np.linalg.inv(terms.root[chosen])
+    M = L @ L.transpose(0, 2, 1)
+    slope = M @ change[chosen][:, :, None]
+    diagonal = np.einsum("sii->si", M)
+    damped = M + damping[chosen, None, None] * np.eye(M.shape[1]) * diagonal[:, None, :]
+    change[chosen] = np.linalg.solve(damped, slope)[:, :, 0]
+    return start + change
+
+
+def _more_damping(damping: Floats) -> Floats:
+    """The damping after a step that has led astray."""
+    return np.maximum(LEAST_DAMPING, DAMPING_FACTOR * damping)
+
+
+def _less_damping(damping: Floats) -> Floats:
+    """The damping after a step that was kept: none below the least."""
+    less = damping / DAMPING_FACTOR
+    return np.where(less < LEAST_DAMPING, 0.0, less)
 
 
 def restart_misfitting_segments(problem: RefitProblem, state: RefitState, em_steps: int) -> RefitState:

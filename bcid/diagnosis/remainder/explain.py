@@ -23,8 +23,6 @@ from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import KNOTS, SEGMENT_S, Take
 
 REWEIGHTINGS = 3  # of segments, while the remainder is found from nothing
-CHANCE_DRAWS = 8  # a remainder that exceeds all of them is one of chance once in nine times
-CHANCE_SEED = 0  # of these draws
 
 
 class Explained(NamedTuple):
@@ -115,20 +113,8 @@ def explain(fit: Fit, take: Take, basis: RemainderBasis) -> Explained:
     return seen
 
 
-@kept_under()
-def explained_by_chance(fit: Fit, take: Take, basis: RemainderBasis) -> float:
-    """Nats that forces without a name explain beside a `fit` by chance: the most of some draws.
-
-    In each draw the functions of a segment are those of what another one, drawn by lot, went through, which have
-    nothing to do with its residual: pushes that are more uneven than the fit takes them to be.
-    """
-    at, rng = gather_information(fit, take, basis, np.zeros(len(basis.size))), np.random.default_rng(CHANCE_SEED)
-    orders = [rng.permutation(take.segments) for _ in range(CHANCE_DRAWS)]
-    return max(_explained_elsewhere(fit, at.carried_elsewhere(order), basis) for order in orders)
-
-
-def _explained_elsewhere(fit: Fit, elsewhere: TakeInformation, basis: RemainderBasis) -> float:
-    """Nats that the functions of other segments explain."""
+def explained_elsewhere(fit: Fit, elsewhere: TakeInformation, basis: RemainderBasis) -> float:
+    """Nats that the functions of a `basis` explain in `elsewhere`, which holds them as other segments have them."""
     return _reweigh(elsewhere, Explained.of_nothing(fit, elsewhere, basis), (), REWEIGHTINGS).nats
 
 

@@ -1,0 +1,60 @@
+"""What functions without a name explain by chance beside a fit: pushes that are more uneven than the fit takes them to be.
+
+The likelihood holds pushes constant over half a second, and independent from one to the next.  A floor is rough in its
+own way: what varies faster passes for more information than there is, and functions that have nothing to do with the
+take explain some of it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bcid.diagnosis.kept_steps import kept_under
+from bcid.diagnosis.remainder.explain import explained_elsewhere
+from bcid.diagnosis.remainder.functions import RemainderBasis
+from bcid.diagnosis.remainder.information import gather_information
+from bcid.likelihood.refit import Fit
+from bcid.likelihood.take import Take
+
+DRAWS = 24  # from which the law of chance is found
+SEED = 0  # of these draws
+
+
+class Chance(NamedTuple):
+    """The law of the nats that functions explain by chance: a gamma law of this mean and standard deviation."""
+
+    mean: float = 0.0
+    sd: float = 0.0
+
+    def reached_with(self, p: float) -> float:
+        """Nats that chance reaches with probability `p`; 0 where it reaches none."""
+        from scipy.special import gammainccinv
+
+        if self.mean <= 0.0 or self.sd <= 0.0:
+            return self.mean
+        scale = self.sd**2 / self.mean
+        return float(scale * gammainccinv(self.mean / scale, p))
+
+    def p_value(self, nats: float) -> float:
+        """Probability that chance reaches so many `nats`."""
+        from scipy.special import gammaincc
+
+        if self.mean <= 0.0 or self.sd <= 0.0:
+            return float(nats <= self.mean)
+        scale = self.sd**2 / self.mean
+        return float(gammaincc(self.mean / scale, max(nats, 0.0) / scale))
+
+
+@kept_under()
+def draw_chance(fit: Fit, take: Take, basis: RemainderBasis) -> Chance:
+    """The law of what functions of a `basis` explain beside a `fit` by chance, by some draws.
+
+    In each draw the functions of a segment are those of what another one, drawn by lot, went through, which have
+    nothing to do with its residual.
+    """
+    at, rng = gather_information(fit, take, basis, np.zeros(len(basis.size))), np.random.default_rng(SEED)
+    orders = [rng.permutation(take.segments) for _ in range(DRAWS)]
+    nats = [explained_elsewhere(fit, at.carried_elsewhere(order), basis) for order in orders]
+    return Chance(float(np.mean(nats)), float(np.std(nats, ddof=1)))
