@@ -13,6 +13,7 @@ from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
 from bcid.proof.blind.blind_case import BlindCase
 from bcid.proof.blind.diagnose_case import estimate_concealed_drive
+from bcid.proof.blind.small_suite import draft_small_cases
 from bcid.recording.types import Recording
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.drive import simulate_drive
@@ -47,3 +48,12 @@ def record_case(case: BlindCase, name: str = "concealed") -> RecordedCase:
     recording = record_drive(case.simulate(), case.rate_hz, vehicle, name)
     estimate, reference = estimate_concealed_drive(recording, vehicle, files.vehicle, files.simulation)
     return RecordedCase(recording, estimate, vehicle, reference)
+
+
+@cache
+def nothing_missing(seed: int, number: int) -> tuple[Fit, Take]:
+    """The published model of a small car, fitted to its drive; nothing is missing.  `number` is that of its case."""
+    (draw_nothing, *_) = draft_small_cases(repeats=0, nulls=1)
+    case = record_case(draw_nothing(seed, number))
+    base = fit_base_model([case.recording], [case.estimate], case.vehicle, case.reference)
+    return base.fit, base.take

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,6 +21,7 @@ from bcid.diagnosis.diagnose import BaseFit, Diagnosis, diagnose_recordings
 from bcid.diagnosis.judge.fitted_models import model_from_reference
 from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.diagnosis.reference_model import ReferenceModel
+from bcid.diagnosis.remainder.chance import Chance
 from bcid.diagnosis.summary import KNOT_UNITS, knot_columns, summarise_diagnosis
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.model_card import ModelCard
@@ -68,8 +70,9 @@ def verdict_on(
 
 
 def diagnosis(
-    remainder: float = 0.0, place: float = 1.0, window: float = 1.0, corrected: tuple[int, float] = (0, 0.0)
-) -> Diagnosis:
+    remainder: float = 0.0, place: float = 1.0, window: float = 1.0, corrected: tuple[int, float] = (0, 0.0),
+    chance: Chance | None = None, gains: Sequence[str] = (),
+) -> Diagnosis:  # fmt: skip
     """A diagnosis of which only the evidence against nothing missing is known; `corrected`: parameters, and nats."""
     base: Any = SimpleNamespace(hypothesis=SimpleNamespace(effect_parameters=()), log_likelihood=100.0)
     free, nats = corrected
@@ -77,7 +80,11 @@ def diagnosis(
         hypothesis=SimpleNamespace(effect_parameters=(None,) * free), log_likelihood=100.0 + nats
     )
     naming: Any = SimpleNamespace(
-        base=base, corrected=better, before=SimpleNamespace(nats=remainder, spread={"fx": 0.1, "mz": 0.0})
+        base=base,
+        corrected=better,
+        before=SimpleNamespace(nats=remainder, spread={"fx": 0.1, "mz": 0.0}),
+        chance=chance,
+        gains=gains,
     )
     location: Any = SimpleNamespace(place_p_value=place, window_p_value=window)
     nothing: Any = None
@@ -91,6 +98,9 @@ def diagnosis(
         # by chance in one take of e^8 at most, for each of fifteen spreads of one channel, and one of four looks
         ({"remainder": 8.0}, 4.0 * 15.0 * np.exp(-8.0)),
         ({"remainder": -5.0}, 1.0),
+        # an exponential law of chance, of which so many nats are nothing rare; beside names it was not drawn for them
+        ({"remainder": 20.0, "chance": Chance(5.0, 5.0)}, 4.0 * np.exp(-4.0)),
+        ({"remainder": 20.0, "chance": Chance(5.0, 5.0), "gains": ("rear_toe",)}, 4.0 * JUDGE_LIMITS.min_p_value),
         ({"place": 0.002}, 0.008),
         ({"window": 0.01, "place": 0.5, "remainder": 1.0}, 0.04),
         ({"corrected": (2, 6.0)}, 4.0 * np.exp(-6.0)),  # a chi-square of two degrees of freedom

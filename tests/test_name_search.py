@@ -10,6 +10,7 @@ from concealed import concealing
 from weighed_names import GATE, Evidence, beside, chance, fit, simulating, state_of
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
+from bcid.diagnosis.remainder.chance import Chance
 from bcid.diagnosis.remainder.evidence import likeliest_spreads
 from bcid.diagnosis.search import name_search, refits
 from bcid.diagnosis.search.keep_names import KeptNames
@@ -32,7 +33,8 @@ def test_what_is_left_counts_beyond_chance_only() -> None:
         assert found.unknown_nats == unknown
     louder = chance()._replace(placebos=[CandidateEffect("rear_toe", [0.0], GATE + 5.0)])
     assert found._replace(nulls=louder).unknown_nats == 0.0
-    assert found._replace(chance=GATE + 5.0).unknown_nats == 0.0
+    assert found._replace(chance=Chance(0.5 * GATE, 0.3 * GATE)).unknown_nats == 0.0
+    assert found._replace(chance=Chance(0.1, 0.1)).unknown_nats == GATE + 1.0
 
 
 @pytest.mark.parametrize(

@@ -65,8 +65,8 @@ class Diagnosis:
         """The p-value of nothing missing (Bonferroni): 4 min(p of a remainder, of places, times, corrections).
 
         A take is exp(x) times likelier with a remainder by chance in a share exp(-x) of takes of nothing at most
-        (Markov's inequality), for each of the spreads from which those of its channels were chosen; where chance was
-        drawn for the take, it has a share of its own.
+        (Markov's inequality), for each of the spreads from which those of its channels were chosen.  Where nothing has
+        a name, chance may have been drawn for the take, too, and the larger p-value counts.
         """
         from scipy.stats import chi2
 
@@ -76,8 +76,9 @@ class Diagnosis:
         corrections = float(chi2.sf(2.0 * gained, free)) if free else 1.0
         before = self.naming.before
         choices = sum(tau > 0.0 for tau in before.spread.values()) * np.log(len(SPREADS) - 1)
-        by_evidence = float(np.exp(-max(before.nats - choices, 0.0)))
-        remainder = max(by_evidence, self.naming.chance.p_value(before.nats))
+        remainder = float(np.exp(-max(before.nats - choices, 0.0)))
+        if self.naming.chance and not self.naming.gains:
+            remainder = max(remainder, self.naming.chance.p_value(before.nats))
         smallest = min(remainder, location.place_p_value, location.window_p_value, corrections)
         return min(1.0, 4.0 * max(smallest, JUDGE_LIMITS.min_p_value))
 

@@ -132,14 +132,14 @@ def _predict_once(layout: SegmentLayout, inputs: PredictionInputs, start: Floats
     return poses
 
 
-def move_to_posterior(start: Floats, z: Floats) -> Floats:
-    """Initial states and pushes (S, N_NUISANCE) after a Gauss-Newton step from `start`.
+def posterior_step(start: Floats, z: Floats) -> Floats:
+    """The Gauss-Newton step (S, N_NUISANCE) of initial states and pushes from `start` to their posterior means.
 
     `z` (S, N_NUISANCE) is the posterior mean: the change of the initial state, and then the pushes.
     """
-    change = z - start
-    change[:, :N_START] = z[:, :N_START]
-    return start + change
+    step = z - start
+    step[:, :N_START] = z[:, :N_START]
+    return step
 
 
 def without_pushes(start: Floats) -> Floats:

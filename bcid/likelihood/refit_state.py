@@ -11,7 +11,7 @@ from bcid.aliases import Bools, Floats
 from bcid.likelihood import marginal
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import NU, UNLIMITED, MarginalTerms, Scales, segment_moments, student_log_densities
-from bcid.likelihood.nuisance import about_no_pushes, move_to_posterior, pose_residuals
+from bcid.likelihood.nuisance import about_no_pushes, pose_residuals, posterior_step
 from bcid.likelihood.prior import Prior
 from bcid.likelihood.take import N_START, Take
 
@@ -108,7 +108,7 @@ def promised_to_all(terms: MarginalTerms, start: Floats) -> Floats:
     """
     finite = _finite(terms)
     promised = np.full(len(terms.chi2), np.nan)
-    y = move_to_posterior(start[finite], terms.z[finite]) - start[finite]
+    y = posterior_step(start[finite], terms.z[finite])
     in_sd: Floats = np.asarray(np.linalg.solve(terms.root[finite].transpose(0, 2, 1), y[:, :, None])[:, :, 0])
     promised[finite] = _lost_beyond(terms, finite, in_sd)
     return promised

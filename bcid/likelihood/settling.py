@@ -15,7 +15,7 @@ from bcid.aliases import Bools, Floats, Ints
 from bcid.likelihood import marginal, nuisance
 from bcid.likelihood.limits import SEGMENT_LIMITS
 from bcid.likelihood.marginal import MarginalTerms, Scales, segment_moments, student_log_densities
-from bcid.likelihood.nuisance import AboutNuisances, about_no_pushes, move_to_posterior, without_pushes
+from bcid.likelihood.nuisance import AboutNuisances, about_no_pushes, posterior_step, without_pushes
 from bcid.likelihood.refit_state import (
     RefitProblem,
     RefitState,
@@ -26,7 +26,10 @@ from bcid.likelihood.refit_state import (
 from bcid.likelihood.take import KNOTS, N_START, Take, select_spans
 
 SETTLING_TANGENTS = 12  # along which an initial state goes where the likelihood is greatest, at most
-CHORDS = 6  # steps along each, with derivatives held fixed
+CHORDS = 5  # steps along each, with derivatives held fixed
+LEAST_DAMPING = 1e-3  # after the first step that has led astray
+DAMPING_FACTOR = 10.0  # of the damping after a further one, and back after a tangent that led on
+MOST_DAMPING = 1e3  # beyond which a segment stays where it is
 SETTLED_NATS = 0.05  # that the step of an initial state and pushes still promises, below which they stay
 FAR_NATS = 5.0  # that are promised where a segment may do better without its pushes
 LEAST_DAMPING, DAMPING_FACTOR = 1e-3, 10.0  # of a step that has led astray, and from each such step to the next
@@ -45,18 +48,24 @@ def settle_initial_states(problem: RefitProblem, state: RefitState, em_steps: in
 
 def _settle(problem: RefitProblem, state: RefitState) -> RefitState:
     """The refit's state, each segment's initial state and pushes moved to where its likelihood is greatest nearby."""
-    found, stuck = state, np.zeros(problem.take.segments, dtype=bool)
-    damping = np.zeros(problem.take.segments)
+    found, damping = state, np.zeros(problem.take.segments)
     for _ in range(SETTLING_TANGENTS):
-        unsettled = np.flatnonzero(~(stuck | (_unearned_nats(found) < SETTLED_NATS)))
+        unsettled = np.flatnonzero(~((damping > MOST_DAMPING) | (_unearned_nats(found) < SETTLED_NATS)))
         if not len(unsettled):
             break
+        before = found.start[unsettled]
         start, damping[unsettled] = _settle_along_tangent(problem, found, unsettled, damping[unsettled])
-        moved = _linearise_from(problem, found, unsettled, start)
-        before = _worths_there(_part_of(found.terms, unsettled), found.start[unsettled])
-        better = _worths_there(moved.terms, moved.start) > before  # False where a prediction is not finite
-        stuck[unsettled] = ~better
-        found = _put_segments(problem, found, unsettled[better], moved.part(np.flatnonzero(better)))
+        moves = (start != before).any(axis=1)
+        moving = unsettled[moves]
+        if not len(moving):
+            continue
+        moved = _linearise_from(problem, found, moving, start[moves])
+        # False where a prediction is not finite
+        better = _joint_densities(moved.terms, moved.start) > _joint_densities(
+            _part_of(found.terms, moving), before[moves]
+        )
+        damping[moving] = np.where(better, _less_damping(damping[moving]), _more_damping(damping[moving]))
+        found = _put_segments(problem, found, moving[better], moved.part(np.flatnonzero(better)))
     return found
 
 
@@ -81,50 +90,66 @@ def _worths_there(terms: MarginalTerms, start: Floats) -> Floats:
         return student_log_densities(terms) - promised_to_all(terms, start)
 
 
+def _joint_densities(terms: MarginalTerms, start: Floats) -> Floats:
+    """Log density (S,) of each segment's poses, initial state and pushes, but for a constant: what settling raises.
+
+    It does not hang on the derivatives, as the likelihood does, which integrates over initial states and pushes.
+    """
+    return _worths_there(terms, start) + 0.5 * terms.log_det
+
+
 def _settle_along_tangent(
     problem: RefitProblem, state: RefitState, chosen: Ints, damping: Floats
 ) -> tuple[Floats, Floats]:
     """Initial states and pushes (M, N_NUISANCE) of the segments `chosen` after steps with derivatives held fixed.
 
-    Each is damped by its own of `damping` (M,): more after a step after which a segment is worth less, which is taken
-    back, and less after one that is kept (Levenberg 1944, Marquardt 1963).  Returned is also the damping they end with.
+    Each step is damped by its segment's `damping` (M,): more after one after which it is worth less, which is taken
+    back (Levenberg 1944, Marquardt 1963).  Once a segment has moved, a step that fails is the derivatives' fault.
+    Returned is also the damping.
     """
     part, rows = problem.take.part(chosen), problem.take.rows(chosen)
     inputs, A = problem.hypothesis.prediction_inputs(state.phi, problem.take), state.A[rows]
     best, terms = state.start[chosen], _part_of(state.terms, chosen)
-    worth = _worths_there(terms, best)
+    worth, moved, ended = (
+        _joint_densities(terms, best),
+        np.zeros(len(chosen), dtype=bool),
+        np.zeros(len(chosen), dtype=bool),
+    )
     for _ in range(CHORDS):
         # one that has settled stays, whatever else is sought
-        unsettled = ~(promised_to_all(terms, best) < SETTLED_NATS)
+        unsettled = ~(ended | (promised_to_all(terms, best) < SETTLED_NATS))
         if not unsettled.any():
             break
-        start = damped_step(best, terms, damping)
+        start = best + damped_step(best, terms, damping)
         there = _terms_along_tangent(A, nuisance.pose_residuals(part, inputs, start), start, part, state.scales)
-        now = _worths_there(there, start)
+        now = _joint_densities(there, start)
         better = unsettled & (now > worth)
+        failed = unsettled & ~better
         best, worth = np.where(better[:, None], start, best), np.where(better, now, worth)
         terms = _select_terms(better, there, terms)
-        damping = np.where(better, _less_damping(damping), np.where(unsettled, _more_damping(damping), damping))
+        ended |= failed & moved
+        damping = np.where(failed & ~moved, _more_damping(damping), damping)
+        moved |= better
     return best, damping
 
 
 def damped_step(start: Floats, terms: MarginalTerms, damping: Floats) -> Floats:
-    """Initial states and pushes (S, N_NUISANCE) after a Gauss-Newton step from `start`, damped by `damping` (S,).
+    """The step (S, N_NUISANCE) of initial states and pushes from `start` to their posterior means, damped.
 
-    To the posterior precision M its diagonal is added so many times.  A stiff car forgets how it slipped and turned
-    within a few hundredths of a second: poses hardly show it, and the whole step leads so far that nothing is linear,
-    while a share of it leaves all else where it was.
+    It solves (M + damping diag M) step = M step_0, with the posterior precision M, the whole step step_0, and the
+    `damping` (S,) of each segment.  A stiff car forgets how it slipped and turned within a few hundredths of a second:
+    poses hardly show it, and the whole step leads so far that nothing is linear, while a share of it leaves all else
+    where it was.
     """
-    change = move_to_posterior(start, terms.z) - start
-    finite = np.isfinite(terms.root).all(axis=(1, 2)) & np.isfinite(change).all(axis=1)
+    step = posterior_step(start, terms.z)
+    finite = np.isfinite(terms.root).all(axis=(1, 2)) & np.isfinite(step).all(axis=1)
     chosen = np.flatnonzero(finite & (damping > 0.0))
     L = np.linalg.inv(terms.root[chosen])
     M = L @ L.transpose(0, 2, 1)
-    slope = M @ change[chosen][:, :, None]
-    diagonal = np.einsum("sii->si", M)
-    damped = M + damping[chosen, None, None] * np.eye(M.shape[1]) * diagonal[:, None, :]
-    change[chosen] = np.linalg.solve(damped, slope)[:, :, 0]
-    return start + change
+    slope = L @ (L.transpose(0, 2, 1) @ step[chosen][:, :, None])
+    damped = M + damping[chosen, None, None] * np.eye(M.shape[1]) * np.einsum("sii->si", M)[:, None, :]
+    step[chosen] = np.linalg.solve(damped, slope)[:, :, 0]
+    return step
 
 
 def _more_damping(damping: Floats) -> Floats:
@@ -133,7 +158,7 @@ def _more_damping(damping: Floats) -> Floats:
 
 
 def _less_damping(damping: Floats) -> Floats:
-    """The damping after a step that was kept: none below the least."""
+    """The damping after a tangent that led on: none below the least."""
     less = damping / DAMPING_FACTOR
     return np.where(less < LEAST_DAMPING, 0.0, less)
 
@@ -214,7 +239,7 @@ def move_initial_states(problem: RefitProblem, state: RefitState) -> RefitState:
     Residuals are predicted anew, derivatives kept.  Each segment is decided by itself: it stays where it was if its
     log-likelihood falls by SEGMENT_LIMITS.max_loss_nats or more, or is not finite.
     """
-    start = move_to_posterior(state.start, state.terms.z)
+    start = state.start + posterior_step(state.start, state.terms.z)
     start[:, N_START:] = state.start[:, N_START:]  # where derivatives are held, pushes are linear
     r = problem.residuals(state.phi, start)
     terms = _terms_along_tangent(state.A, r, start, problem.take, state.scales)

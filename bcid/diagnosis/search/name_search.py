@@ -8,7 +8,7 @@ Names are added as if nothing else were missing, and where that leaves something
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from bcid.diagnosis.limits import LOCATE_LIMITS, SEARCH_LIMITS
+from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.chance import Chance, draw_chance
 from bcid.diagnosis.remainder.explain import basis_for
 from bcid.diagnosis.remainder.fit import RemainderFit
@@ -44,7 +44,7 @@ class Naming(NamedTuple):
     dropped: dict[str, float]  # effects that were tried or taken, with what they add beside the remainder at most
     others: dict[str, float]  # nats that each effect without a name would add beside the names, to first order
     nulls: NullGains  # what effects gain by chance
-    chance: Chance = Chance()  # of a remainder beside the names; none where there is too little to ask
+    chance: Chance | None = None  # of a remainder beside the names; none where it is below the gate
 
     @property
     def best(self) -> Fit:
@@ -54,8 +54,8 @@ class Naming(NamedTuple):
     @property
     def unknown_nats(self) -> float:
         """Nats that the remainder adds beside the names; zero where chance may be all there is."""
-        least = max(self.nulls.gate, self.chance.reached_with(LOCATE_LIMITS.significant_p_value))
-        return self.rest.nats if self.rest.nats > least else 0.0
+        by_chance = self.chance.reached_with(SEARCH_LIMITS.gate_p_value) if self.chance else 0.0
+        return self.rest.nats if self.rest.nats > max(self.nulls.gate, by_chance) else 0.0
 
 
 def name_effects(
@@ -98,12 +98,12 @@ def name_effects(
     )  # fmt: skip
 
 
-def _chance_beside(state: SearchState, rest: RemainderFit) -> Chance:
-    """What a remainder explains by chance beside a fit and its remainder; none where there is too little to ask.
+def _chance_beside(state: SearchState, rest: RemainderFit) -> Chance | None:
+    """What a remainder explains by chance beside a fit and its remainder; None where that is below the gate.
 
     Chance has nothing to do with what is missing, which the remainder has taken up.
     """
-    return draw_chance(rest.fit, state.take, state.basis) if rest.nats > state.gate else Chance()
+    return draw_chance(rest.fit, state.take, state.basis) if rest.nats > state.gate else None
 
 
 def _score_others(state: SearchState, rest: RemainderFit, tried: Mapping[str, float]) -> dict[str, float]:
