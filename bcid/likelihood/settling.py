@@ -23,7 +23,7 @@ from bcid.likelihood.refit_state import (
     promised_to_all,
     segment_worths,
 )
-from bcid.likelihood.take import KNOTS, N_START, Take, select_spans
+from bcid.likelihood.take import N_START, Take, select_spans
 
 SETTLING_TANGENTS = 12  # along which an initial state goes where the likelihood is greatest, at most
 CHORDS = 5  # steps along each, with derivatives held fixed
@@ -31,6 +31,7 @@ LEAST_DAMPING = 1e-3  # after the first step that has led astray
 DAMPING_FACTOR = 10.0  # of the damping after a further one, and back after a tangent that led on
 MOST_DAMPING = 1e3  # beyond which a segment stays where it is
 SETTLED_NATS = 0.05  # that the step of an initial state and pushes still promises, below which they stay
+PIECES = 3  # of a segment, in which a badly fitting one is followed from its beginning on
 FAR_NATS = 5.0  # that are promised where a segment may do better without its pushes
 LEAST_DAMPING, DAMPING_FACTOR = 1e-3, 10.0  # of a step that has led astray, and from each such step to the next
 
@@ -187,8 +188,8 @@ def _begin_by_pieces(problem: RefitProblem, state: RefitState, chosen: Ints) -> 
     """
     part = problem.take.part(chosen)
     start = part.start
-    for pieces in range(1, KNOTS + 1):
-        piece = problem._replace(take=part.beginnings(pieces / KNOTS))
+    for pieces in range(1, PIECES + 1):
+        piece = problem._replace(take=part.beginnings(pieces / PIECES))
         there = _linearise_from(piece, state, np.arange(len(chosen)), start)
         begun = state._replace(start=start, r=there.at.r, A=there.at.A, terms=there.terms)
         found = _settle(piece, begun)
