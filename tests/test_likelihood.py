@@ -60,6 +60,7 @@ from bcid.likelihood.score_test import affected_segments
 from bcid.likelihood.settling import answer_parameters, follow_parameters, move_initial_states
 from bcid.likelihood.take import (
     GROUP_S,
+    KNOT_S,
     KNOTS,
     N_NUISANCE,
     N_START,
@@ -602,7 +603,7 @@ def test_initial_poses_move_as_the_car_would_drive_there(part: Take, name: str) 
 
 def test_pushes_are_wrenches_by_mass_and_inertia(part: Take) -> None:
     setting, of = BASE.prediction_inputs(BASE.phi_of(CAR), part), segment_layout(part)
-    push = np.array([[0.1, -0.2, 0.3], [0.0, 0.1, -0.5], [0.2, 0.0, 0.1]])
+    push = np.resize([[0.1, -0.2, 0.3], [0.0, 0.1, -0.5], [0.2, 0.0, 0.1]], (KNOTS, 3))
     start = part.start.copy()
     start[:, N_START:] = push.ravel()
     all_alike = np.broadcast_to(push * [CAR.m, CAR.m, CAR.I_z], (part.segments, KNOTS, 3))
@@ -612,7 +613,10 @@ def test_pushes_are_wrenches_by_mass_and_inertia(part: Take) -> None:
 
 
 def test_a_push_acts_in_its_own_time(part: Take) -> None:
-    """Not before it begins; and a push of 1 m/s^2 for half a second moves the car by some h^2/2 = 0.125 m."""
+    """Not before it begins; and a push of 1 m/s^2 for the time h of a knot moves the car by some h^2/2.
+
+    The last row that ends with the knot is the mean of GROUP_S, half of that before its end.
+    """
     A = pose_sensitivities(
         segment_layout(part), part.start, *BASE.prediction_inputs(BASE.phi_of(CAR), part).kernel_arguments
     )
@@ -620,9 +624,9 @@ def test_a_push_acts_in_its_own_time(part: Take) -> None:
     last = np.bincount(part.row, part.stamp_s - begin) / np.bincount(part.row)
     for knot in range(KNOTS):
         own = A[:, :, N_START + 3 * knot : N_START + 3 * knot + 2]
-        np.testing.assert_array_equal(own[last < 0.5 * knot - GROUP_S], 0.0)
-        after = (last > 0.5 * (knot + 1) - GROUP_S) & (last < 0.5 * (knot + 1))
-        assert np.hypot(*own[after][:, :2, 0].T).max() == pytest.approx(0.125, rel=0.3)
+        np.testing.assert_array_equal(own[last < KNOT_S * knot - GROUP_S], 0.0)
+        after = (last > KNOT_S * (knot + 1) - GROUP_S) & (last < KNOT_S * (knot + 1))
+        assert np.hypot(*own[after][:, :2, 0].T).max() == pytest.approx(0.5 * (KNOT_S - 0.5 * GROUP_S) ** 2, rel=0.3)
 
 
 LOUD = Scales(np.array([5e-4, 5e-4, 1e-3]), np.array([0.3, 0.3, 1.0]))

@@ -46,7 +46,7 @@ from bcid.likelihood.nuisance import linearise_nuisances, pose_residuals
 from bcid.likelihood.prepare import scale_at_speed
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.refit_state import RefitProblem
-from bcid.likelihood.take import N_NUISANCE, SEGMENT_S, Take, concatenate_takes
+from bcid.likelihood.take import KNOT_S, KNOTS, N_NUISANCE, SEGMENT_S, Take, concatenate_takes
 from bcid.recording.formats.commands_file import read_commands_file
 from bcid.vehicle import Body, Motor, Steering, Vehicle
 
@@ -138,10 +138,11 @@ def test_the_noise_is_as_large_as_it_says() -> None:
     still, noisy = (taken(BASE, phi, Scales(r, np.zeros(3)), 120.0, seconds=120.0) for r in (np.zeros(3), SCALES.r))
     np.testing.assert_allclose((noisy.pose - still.pose).std(axis=0), SCALES.r, rtol=0.07)  # 5 sd of 2400 rows
     setting = BASE.prediction_inputs(phi, still)
-    # over one knot from rest a push is v = a t: the velocity after the first knot has sd q times half a second
-    first = [simulate_states(setting, 0.5, SCALES, seed, np.zeros(6))[20, 3:] for seed in range(200)]
-    at_rest = simulate_states(setting, 0.5, NO_NOISE, 0, np.zeros(6))[20, 3:]
-    assert np.std(np.array(first) - at_rest, axis=0)[0] == pytest.approx(0.5 * SCALES.q[0], rel=0.25)
+    # over one knot from rest a push is v = a t: the velocity after the first knot has sd q times its time
+    end = round(KNOT_S / setting.chain.h)
+    first = [simulate_states(setting, KNOT_S, SCALES, seed, np.zeros(6))[end, 3:] for seed in range(200)]
+    at_rest = simulate_states(setting, KNOT_S, NO_NOISE, 0, np.zeros(6))[end, 3:]
+    assert np.std(np.array(first) - at_rest, axis=0)[0] == pytest.approx(KNOT_S * SCALES.q[0], rel=0.25)
 
 
 def test_a_seed_is_a_take() -> None:
@@ -195,7 +196,7 @@ def test_information_is_the_dense_algebra() -> None:
     J = parameter_jacobian(take, BASE, phi, take.start, r, range(BASE.base_size))
     A = linearise_nuisances(take, setting, take.start).A
     found = segment_information(take, setting, SCALES, J)
-    prior = np.r_[np.full(6, 1e4), np.tile(SCALES.q**2, 3)]
+    prior = np.r_[np.full(6, 1e4), np.tile(SCALES.q**2, KNOTS)]
     assert len(prior) == N_NUISANCE
     for s in range(2):
         rows = slice(take.first[s], take.first[s + 1])

@@ -94,14 +94,14 @@ class LocateLimits:
     # Mean energy of the pushes in a regime over that elsewhere.  Not yet justified.
     min_regime_energy_ratio: float = 1.5
     # Knots in a regime, and elsewhere.  Not yet justified.
-    min_regime_knots: int = 20
+    min_regime_knots: int = 40
     # Quantile of speed, steering angle, steering rate or slip beyond which a regime is; below its complement the car
     # goes straight.  Not yet justified.
     regime_quantile: float = 0.75
     # Share of the speed at this quantile from which a car reverses.  Not yet justified.
     min_reversing_share: float = 0.05
     # Knots within a circle or window of a scan.  Not yet justified.
-    min_scan_knots: int = 6
+    min_scan_knots: int = 12
     # Metres between circles, of a vehicle as large and fast as the bumper car.  Not yet justified.
     min_circle_distance_m: float = 0.6
     # Energy at which the push of one knot is clipped, so that it makes no place alone.  Not yet justified.

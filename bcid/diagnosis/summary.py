@@ -223,7 +223,7 @@ def _describe_rivals(diagnosis: Diagnosis) -> list[written.Rival]:
 
 
 def knot_columns(diagnosis: Diagnosis) -> Floats:
-    """Columns (K, len(KNOT_UNITS)) at the K knots (0.5 s parts of the take): time, states, disturbances of the body.
+    """Columns (K, len(KNOT_UNITS)) at the K knots (0.25 s parts of the take): time, states, disturbances of the body.
 
     Disturbances are accelerations that the base model leaves unexplained ("before"), then those that the fit with the
     named effects leaves ("after").  KNOT_UNITS gives names and units of the columns.

@@ -14,7 +14,7 @@ class LikelihoodLimits:
     # Segments of 1.5 s in motion, below which recordings are refused.  The gate is drawn from 999 random signs of the
     # segments' residuals: of S there are 2^(S - 1) that differ by more than one common sign, a thousand from S = 11 on;
     # of fewer the draws repeat each other.  Scatter is estimated over 12 blocks (`min_blocks` of a diagnosis), each of
-    # which needs a segment.  Numbers are no bound: half of 12 segments have some 230 more than there are initial states
+    # which needs a segment.  Numbers are no bound: half of 12 segments have some 180 more than there are initial states
     # and pushes, at the least coverage, and a hypothesis of six names has some 40 parameters.
     min_segments: int = 12
     # Share of a segment's groups of poses that have to be there.  Not yet justified.

@@ -82,7 +82,7 @@ def segment_moments(residual: Floats, A: Floats, first: Ints) -> Moments:
     """Products A^T A, A^T r, r^T r of each segment (rows `first[s]` to `first[s + 1]`) and channel (x, y, yaw).
 
     The `residual` r (N, 3) is measured less predicted poses; `A` (N, 3, N_NUISANCE) are the derivatives of predicted
-    poses by the nuisance parameters: each segment's initial state and pushes (constant disturbances over 0.5 s).
+    poses by the nuisance parameters: each segment's initial state and pushes (constant disturbances over 0.25 s).
     """
     S = len(first) - 1
     AA, Ar, rr = np.empty((S, 3, N_NUISANCE, N_NUISANCE)), np.empty((S, 3, N_NUISANCE)), np.empty((S, 3))
@@ -173,7 +173,7 @@ def solve_triangular(L: Floats, b: Floats) -> tuple[Floats, Floats]:
 def eliminate_nuisance(moments: Moments, r: Floats, precisions: Floats) -> MarginalTerms:
     """Marginal likelihood of each segment: chi^2, log-determinant, posterior mean and covariance of its nuisances.
 
-    Nuisance parameters (initial state, pushes: constant disturbances over 0.5 s) are integrated out in closed form,
+    Nuisance parameters (initial state, pushes: constant disturbances over 0.25 s) are integrated out in closed form,
     the predictions being linear in them (restricted likelihood).  `moments` are the products of `segment_moments`,
     `r` (3,) the noise's standard deviations (m, m, rad), `precisions` (N_NUISANCE,) prior precisions, 1/variance: 0
     for initial states.

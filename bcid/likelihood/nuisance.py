@@ -51,7 +51,7 @@ class LinearisedHistories(NamedTuple):
 def linearise_nuisances(take: Take, inputs: PredictionInputs, start: Floats) -> AboutNuisances:
     """Measured less predicted poses from `start` (S, N_NUISANCE), and derivatives of predicted poses by it.
 
-    By the variational equation.  Pushes are disturbance accelerations, constant over 0.5 s each.
+    By the variational equation.  Pushes are disturbance accelerations, constant over 0.25 s each.
     """
     poses, (by_state, _, by_pushes), _ = _linearise(take, inputs, start, None, COARSE)
     return AboutNuisances(_residuals(take, inputs, poses), np.concatenate([by_state, by_pushes], axis=2))
@@ -102,7 +102,7 @@ def _linearise(
 def pose_residuals(take: Take, inputs: PredictionInputs, start: Floats) -> Floats:
     """Measured less predicted poses (N, 3) x, y (m), yaw (rad), predicted from the nuisance parameters `start`.
 
-    `start` (S, N_NUISANCE) holds each segment's initial state and pushes (constant disturbances over 0.5 s); `inputs`
+    `start` (S, N_NUISANCE) holds each segment's initial state and pushes (constant disturbances over 0.25 s); `inputs`
     are the car, the effects' parameters and the commands after the actuators.
     """
     return _residuals(take, inputs, _predict_once(segment_layout(take), inputs, start))

@@ -35,7 +35,7 @@ def predict_poses(
 ) -> Floats:
     """Predicted poses (N, 3) x, y (m), yaw (rad) of the tracked point, averaged over 0.05 s as the measured ones are.
 
-    Every segment is integrated from its own initial state under its own pushes (constant disturbances over 0.5 s),
+    Every segment is integrated from its own initial state under its own pushes (constant disturbances over 0.25 s),
     the rows of `start` (S, N_NUISANCE).  `p` are the car's constants, `c` those of the effects' equations, `e` the
     effects' parameters as an array of one record, since a parallel loop cannot be handed the record.
     """
@@ -94,7 +94,7 @@ def pose_sensitivities(
 ) -> Floats:
     """Derivatives (N, 3, N_NUISANCE) of predicted poses by initial states and pushes, by the variational equation.
 
-    `start` (S, N_NUISANCE) holds each segment's initial state and pushes (constant disturbances over 0.5 s).
+    `start` (S, N_NUISANCE) holds each segment's initial state and pushes (constant disturbances over 0.25 s).
     Derivatives by the initial pose are exact (a rigid motion of the whole path) where no force varies with the pose.
     """
     return np.asarray(linearise_poses(layout, start, chain, np.array([p]), np.zeros(0), COARSE, e, c)[1])

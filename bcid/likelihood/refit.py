@@ -100,7 +100,7 @@ def refit(
     """The fit of greatest log-likelihood plus log prior near the parameter vector `phi`, by bounded Gauss-Newton.
 
     phi holds log base parameters, drag and effects' parameters.  Each segment's initial state and pushes (disturbances
-    over 0.5 s), from `start` (S, N_NUISANCE), and the standard deviations of noise and pushes, from `scales`, are
+    over 0.25 s), from `start` (S, N_NUISANCE), and the standard deviations of noise and pushes, from `scales`, are
     estimated too.  Scales are `most` at most.  The first step leads from phi to the likeliest of the parameter vectors
     `ahead`, or part of the way to it, if that is likelier than phi.  A `tangent` (linearisation at a neighbouring fit),
     if given, is held fixed, and only derivatives by effects are recomputed: a tenth of the work, accurate enough to
@@ -231,7 +231,7 @@ def _state_along_tangent(problem: RefitProblem, phi: Floats, state: RefitState, 
 def evaluate_fixed(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit:
     """A fit whose parameter vector is the given phi: only initial states, pushes and standard deviations are estimated.
 
-    Pushes are disturbances, constant over 0.5 s; `scales` (noise and pushes) is the start.  The covariance of phi is
+    Pushes are disturbances, constant over 0.25 s; `scales` (noise and pushes) is the start.  The covariance of phi is
     zero.
     """
     problem = RefitProblem(take, hypothesis, Prior.normal(phi, np.zeros_like(phi)))

@@ -28,7 +28,7 @@ class Attachment(NamedTuple):
 class Diagnosed:
     """A diagnosis, and the accelerations that model and take differ by over each knot of this take.
 
-    A knot is a stretch of 0.5 s.  `knots` holds columns (K,) by the names of `bcid.diagnosis.summary.KNOT_UNITS`;
+    A knot is a stretch of 0.25 s.  `knots` holds columns (K,) by the names of `bcid.diagnosis.summary.KNOT_UNITS`;
     `time_s` is the middle of each knot on the recording's clock.
     """
 

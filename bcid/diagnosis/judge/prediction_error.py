@@ -153,8 +153,8 @@ def _bootstrap_errors(horizon: float, before: Floats, after: Floats, floor: floa
 def simulate_fitted_car(fit: Fit, take: Take, recording: Recording, seed: int = 0) -> Recording:
     """A simulated recording: the fitted car with its effects, driven by the commands of the take's first `recording`.
 
-    Its poses have the stamps of the `recording`.  Disturbance accelerations of the body, constant over 0.5 s, and noise
-    of the poses are drawn at random by `seed`, with the fitted standard deviations.
+    Its poses have the stamps of the `recording`.  Disturbance accelerations of the body, constant over 0.25 s, and
+    noise of the poses are drawn at random by `seed`, with the fitted standard deviations.
     """
     setting = fit.hypothesis.prediction_inputs(fit.phi, take)
     path = observe_states(

@@ -41,7 +41,7 @@ def locate_mismatch(
 
     `channel_nats` are what free functions of each channel explain beside the fit, most first, and `depends_on` says of
     a channel on which quantities that depends.  `disturbances` are the accelerations of the body that the fit does not
-    explain, constant over 0.5 s; `units` are the vehicle's.  Place and time come from a scan statistic with a
+    explain, constant over 0.25 s; `units` are the vehicle's.  Place and time come from a scan statistic with a
     permutation test, and are None where its p-value is not below `LOCATE_LIMITS.significant_p_value`.
     """
     channel = next(iter(channel_nats), None)
@@ -58,7 +58,7 @@ def locate_mismatch(
 def describe_regime(disturbances: Disturbances, energies: Floats) -> str:
     """Name in words the driving regimes, such as "braking and turning left", in which the `energies` (K,) are largest.
 
-    The energies are squared disturbances at K knots of 0.5 s.  A regime is named if its mean energy is more than
+    The energies are squared disturbances at K knots of 0.25 s.  A regime is named if its mean energy is more than
     `LOCATE_LIMITS.min_regime_energy_ratio` times the mean outside it, at most the `max_regimes` with the largest ratio;
     "throughout" if there is none.
     """

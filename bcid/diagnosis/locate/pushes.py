@@ -76,7 +76,7 @@ def _mean_states(
 
 
 def estimate_disturbances(fit: Fit, take: Take) -> Disturbances:
-    """Estimate the accelerations of the body, constant over 0.5 s, that explain the pose residuals of a fit.
+    """Estimate the accelerations of the body, constant over 0.25 s, that explain the pose residuals of a fit.
 
     They are posterior means of a linear Gaussian model with the fitted standard deviations of noise and disturbances.
     With them come the car's mean states over the same intervals.

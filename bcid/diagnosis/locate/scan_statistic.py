@@ -40,7 +40,7 @@ class TimeWindow(NamedTuple):
 
 
 def knot_energies(disturbances: Disturbances) -> Floats:
-    """Energy (K,) of the disturbances at each 0.5 s knot: mean over x, y, yaw of (disturbance / standard deviation)^2.
+    """Energy (K,) of the disturbances at each 0.25 s knot: mean over x, y, yaw of (disturbance / standard deviation)^2.
 
     The standard deviation is the one that the fit expects, so that the mean energy is about 1; values are clipped at
     `LOCATE_LIMITS.max_knot_energy`.

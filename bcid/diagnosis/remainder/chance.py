@@ -1,8 +1,8 @@
 """What functions without a name explain by chance beside a fit, as pushes are more uneven than it takes them to be.
 
-The likelihood holds pushes constant over half a second, and independent from one to the next.  A floor is rough in its
-own way: what varies faster passes for more information than there is, and functions that have nothing to do with the
-take explain some of it.  What stays uneven for longer than a segment is not seen so.
+The likelihood holds pushes constant over a quarter of a second, and independent from one to the next.  A floor is rough
+in its own way: what varies faster passes for more information than there is, and functions that have nothing to do with
+the take explain some of it.  What stays uneven for longer than a segment is not seen so.
 """
 
 from __future__ import annotations

@@ -76,7 +76,7 @@ class ResidualData(NamedTuple):
 def regress_sparsely(residual: ResidualData) -> MethodAnswer:
     """Sparse regression (STLSQ of SINDy, by pysindy) of the base model's disturbances on the forces of 15 effects.
 
-    Disturbances are accelerations of the body, constant over 0.5 s, that the base model's fit needs to follow the
+    Disturbances are accelerations of the body, constant over 0.25 s, that the base model's fit needs to follow the
     recorded motion.  Regressors are scaled to RMS 1; the answer names the effect with the largest coefficient that is
     not dropped.
     """
@@ -101,7 +101,7 @@ def regress_sparsely(residual: ResidualData) -> MethodAnswer:
 
 
 def _mechanism_accelerations(residual: ResidualData) -> tuple[list[str], Floats]:
-    """Ids of n candidate effects, and the accelerations (n, 3 K) that each causes at unit strength at K knots of 0.5 s.
+    """Ids of n candidate effects, and the accelerations (n, 3 K) that each causes at unit strength at K knots (0.25 s).
 
     Each row holds K values along the body's x, then y, then K in yaw, each third centred.  Values are in standard
     deviations that the base model's fit expects of the disturbances.

@@ -12,11 +12,11 @@ Predictor = Callable[[Floats], Floats]
 """A fitted regression: targets (M, m) at inputs (M, n)."""
 
 FOLDS = 4
-BLOCK_KNOTS = 30  # 15 s: neighbours are alike
+BLOCK_KNOTS = 60  # 15 s: neighbours are alike
 
 
 def regressor_columns(disturbances: Disturbances) -> dict[str, Floats]:
-    """Regressors for the disturbances at K knots of 0.5 s, by their names in diagnosis.json ("speed", "steering" ...).
+    """Regressors for the disturbances at K knots of 0.25 s, by their names in diagnosis.json ("speed", "steering" ...).
 
     Each is an array (K, n): n = 1 but for "throttle" (u_m and motor force F_m), "place" (x, y) and "heading" (sine,
     cosine), where n = 2.
