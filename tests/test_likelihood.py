@@ -32,6 +32,7 @@ from bcid.likelihood.marginal import (
     NU,
     MarginalTerms,
     Scales,
+    autoregression,
     checked_marginal_terms,
     cholesky_factor,
     eliminate_nuisance,
@@ -97,8 +98,17 @@ class Problem(NamedTuple):
 
     def eliminated(self) -> MarginalTerms:
         return eliminate_nuisance(
-            segment_moments(self.residual, self.A, self.first), self.scales.r, self.scales.nuisance_precisions()
+            segment_moments(self.residual, self.A, self.first), self.scales.r, self.scales.nuisance_precision()
         )
+
+
+def lasting_covariance(q: np.ndarray, rho: np.ndarray) -> np.ndarray:
+    """Covariance (3 KNOTS, 3 KNOTS) of pushes of which each is correlated with those after it by rho, rho^2 ..."""
+    apart = np.abs(np.subtract.outer(np.arange(KNOTS), np.arange(KNOTS)))
+    out = np.zeros((KNOTS, 3, KNOTS, 3))
+    for c in range(3):
+        out[:, c, :, c] = q[c] ** 2 * rho[c] ** apart
+    return out.reshape(3 * KNOTS, 3 * KNOTS)
 
 
 def random_problem(segments: int = 4, n: int = 5) -> Problem:
@@ -107,9 +117,10 @@ def random_problem(segments: int = 4, n: int = 5) -> Problem:
     counts = rng.integers(8, 14, segments)
     first = np.r_[0, np.cumsum(counts)].astype(np.int64)
     N = int(first[-1])
-    scales = Scales(np.array([0.01, 0.02, 0.03]), np.array([0.02, 0.05, 0.01]))
+    scales = Scales(np.array([0.01, 0.02, 0.03]), np.array([0.02, 0.05, 0.01]), np.array([0.4, 0.7, 0.2]))
     A, J = rng.standard_normal((N, 3, N_NUISANCE)), rng.standard_normal((N, 3, n))
-    free = np.tile(scales.q, KNOTS) * rng.standard_normal((segments, N_NUISANCE - N_START))
+    root = np.linalg.cholesky(lasting_covariance(scales.q, scales.rho))
+    free = rng.standard_normal((segments, N_NUISANCE - N_START)) @ root.T
     z = np.column_stack([rng.standard_normal((segments, N_START)), free])
     noise = scales.r * rng.standard_normal((N, 3))
     larger = np.sqrt(NU / rng.chisquare(NU, segments)).repeat(counts)
@@ -135,7 +146,7 @@ def dense(problem: Problem, s: int) -> Dense:
     rows = slice(problem.first[s], problem.first[s + 1])
     r, A = problem.residual[rows].ravel(), problem.A[rows].reshape(-1, N_NUISANCE)
     X, pushes = A[:, :N_START], A[:, N_START:]
-    Q = np.diag(np.tile(problem.scales.q**2, KNOTS))
+    Q = lasting_covariance(problem.scales.q, problem.scales.rho)
     S = np.diag(np.tile(problem.scales.r**2, len(r) // 3)) + pushes @ Q @ pushes.T
     inverse = np.linalg.inv(S)
     of_start = np.linalg.inv(X.T @ inverse @ X)
@@ -242,6 +253,24 @@ def test_a_bad_segment_weighs_little() -> None:
     assert w[1] < 0.01 * np.delete(w, 1).min()
 
 
+def test_the_likeliest_autoregression_is_that_of_the_density() -> None:
+    """By a search over its density, of drawn stretches; one that alternates counts as one that does not last."""
+    rng = np.random.default_rng(2)
+    for rho, q in ((0.0, 1.0), (0.3, 2.0), (0.8, 0.1), (-0.5, 1.0)):
+        apart = np.abs(np.subtract.outer(np.arange(KNOTS), np.arange(KNOTS)))
+        drawn = rng.standard_normal((400, KNOTS)) @ np.linalg.cholesky(q**2 * rho**apart).T
+        products = drawn.T @ drawn / len(drawn)
+
+        def cost(at: np.ndarray, products: np.ndarray = products, apart: np.ndarray = apart) -> float:
+            S = at[0] * at[1] ** apart
+            return float(np.linalg.slogdet(S)[1] + np.trace(np.linalg.solve(S, products)))
+
+        variance, found = (each[0] for each in autoregression(products[None]))
+        grid = [np.array([v * variance, r]) for v in (0.98, 1.0, 1.02) for r in np.clip(found + [-0.02, 0.02], 0, 0.95)]
+        assert cost(np.array([variance, found])) <= min(map(cost, grid))
+        assert found == pytest.approx(max(rho, 0.0), abs=0.08)
+
+
 def test_em_ends_where_the_likelihood_is_stationary() -> None:
     """In the units of the noise that it finds, which stand; and on its way there the likelihood never falls.
 
@@ -254,9 +283,9 @@ def test_em_ends_where_the_likelihood_is_stationary() -> None:
         alike = np.exp(2.0 * np.log(r).mean()) / r**2
         return np.linalg.slogdet(np.einsum("c,scij->sij", alike, of.AA)[:, :N_START, :N_START])[1]
 
-    def total(log_scales: np.ndarray) -> float:
-        tried = Scales(np.exp(log_scales[:3]), np.exp(log_scales[3:]))
-        e = eliminate_nuisance(of, tried.r, tried.nuisance_precisions())
+    def total(at: np.ndarray) -> float:
+        tried = Scales(np.exp(at[:3]), np.exp(at[3:6]), at[6:])
+        e = eliminate_nuisance(of, tried.r, tried.nuisance_precision())
         return float(
             student_log_densities(e._replace(log_det=e.log_det + of_start(tried.r) - of_start(scales.r))).sum()
         )
@@ -268,10 +297,10 @@ def test_em_ends_where_the_likelihood_is_stationary() -> None:
     assert (np.diff(path) > -1e-6).all()
     for _ in range(500):  # beyond where many steps at once would call it settled
         scales, _ = estimate_scales(of, scales, 1)
-    end, h = np.log(np.r_[scales.r, scales.q]), 1e-3
+    end, h = np.r_[np.log(np.r_[scales.r, scales.q]), scales.rho], 1e-3
     there = total(end)
-    for j, truth in enumerate(np.log(np.r_[problem.scales.r, problem.scales.q])):
-        up, down = (total(end + sign * h * np.eye(6)[j]) for sign in (1.0, -1.0))
+    for j, truth in enumerate(np.r_[np.log(np.r_[problem.scales.r, problem.scales.q]), problem.scales.rho]):
+        up, down = (total(end + sign * h * np.eye(9)[j]) for sign in (1.0, -1.0))
         slope, curvature = (up - down) / (2.0 * h), -(up - 2.0 * there + down) / h**2
         assert curvature > 0.0
         assert abs(slope) < 1e-3 * np.sqrt(curvature)  # a thousandth of a standard error away

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -51,7 +52,7 @@ from bcid.recording.formats.commands_file import read_commands_file
 from bcid.vehicle import Body, Motor, Steering, Vehicle
 
 LIMIT, TOP = 2.012, 2.033
-SCALES = Scales(np.array([3e-4, 4e-4, 6e-4]), np.array([0.02, 0.015, 0.03]))
+SCALES = Scales(np.array([3e-4, 4e-4, 6e-4]), np.array([0.02, 0.015, 0.03]), np.array([0.3, 0.5, 0.2]))
 BASE = Hypothesis((), CAR, LIMIT, Constants())
 
 VEHICLES = {
@@ -158,6 +159,7 @@ def test_the_base_refit_recovers_scales_and_car(rate_hz: float) -> None:
     fit = fit_base(take, BASE, Scales(np.full(3, 1e-3), np.full(3, 0.05))).best
     np.testing.assert_allclose(fit.scales.r, SCALES.r, rtol=0.1)
     np.testing.assert_allclose(fit.scales.q, SCALES.q, rtol=0.25)
+    np.testing.assert_allclose(fit.scales.rho, SCALES.rho, atol=0.25)
     for symbol in ("F_m_max", "K_t", "K_b", "I_z", "C_f", "C_r", "F_f_max"):
         assert getattr(fit.car(), symbol) == pytest.approx(getattr(CAR, symbol), rel=0.03), symbol
 
@@ -196,12 +198,14 @@ def test_information_is_the_dense_algebra() -> None:
     J = parameter_jacobian(take, BASE, phi, take.start, r, range(BASE.base_size))
     A = linearise_nuisances(take, setting, take.start).A
     found = segment_information(take, setting, SCALES, J)
-    prior = np.r_[np.full(6, 1e4), np.tile(SCALES.q**2, KNOTS)]
-    assert len(prior) == N_NUISANCE
+    prior = np.zeros((N_NUISANCE, N_NUISANCE))
+    prior[:6, :6] = 1e4 * np.eye(6)
+    for i, j, c in itertools.product(range(KNOTS), range(KNOTS), range(3)):
+        prior[6 + 3 * i + c, 6 + 3 * j + c] = SCALES.q[c] ** 2 * SCALES.rho[c] ** abs(i - j)
     for s in range(2):
         rows = slice(take.first[s], take.first[s + 1])
         As, Js = A[rows].reshape(-1, N_NUISANCE), J[rows].reshape(-1, J.shape[2])
-        S = np.diag(np.tile(SCALES.r**2, len(As) // 3)) + As @ np.diag(prior) @ As.T
+        S = np.diag(np.tile(SCALES.r**2, len(As) // 3)) + As @ prior @ As.T
         expected = Js.T @ np.linalg.solve(S, Js)
         np.testing.assert_allclose(found[s], expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())
 

@@ -40,7 +40,7 @@ def test_products_with_trials_are_those_of_the_explicit_projection() -> None:
     columns = simulate_trials(fit, take).columns[:, :, :6] / fit.scales.r[:, None]
     weights = np.random.default_rng(0).uniform(0.2, 1.0, take.segments)
     slope, G = _products_with_trials(at, columns, weights)
-    n, precisions = fit.hypothesis.named_size, np.diag(fit.scales.nuisance_precisions())
+    n, precisions = fit.hypothesis.named_size, fit.scales.nuisance_precision()
     b, expected = np.zeros(len(slope)), np.zeros_like(G)
     for s, (i, j) in enumerate(zip(at.first, at.first[1:], strict=False)):
         own, mine = at.rows[i:j].reshape(3 * (j - i), -1), columns[i:j].reshape(3 * (j - i), -1)

@@ -72,9 +72,8 @@ def test_a_damped_step_solves_the_damped_equations(pushed_drive: tuple[Fit, Take
     for s in (1, take.segments // 2, take.segments - 1):
         own = slice(take.first[s], take.first[s + 1])
         A, r = (at.A[own] / scales.r[:, None]).reshape(-1, N_NUISANCE), (at.r[own] / scales.r).ravel()
-        precisions = scales.nuisance_precisions()
-        M = A.T @ A + np.diag(precisions)
-        slope = A.T @ r - precisions * state.start[s]
+        precision = scales.nuisance_precision()
+        M, slope = A.T @ A + precision, A.T @ r - precision @ state.start[s]
         expected = np.linalg.solve(M + damping[s] * np.diag(np.diag(M)), slope)
         np.testing.assert_allclose(stepped[s], expected, rtol=1e-5, atol=1e-9)
 

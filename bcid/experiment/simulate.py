@@ -4,6 +4,8 @@ For takes of nothing, noise floors and manoeuvres: the actuators and the body of
 piece.
 """
 
+import itertools
+
 import numpy as np
 
 from bcid.aliases import Floats, Switches
@@ -70,11 +72,14 @@ def simulate_states(inputs: PredictionInputs, T: float, scales: Scales, seed: in
     """Simulate a car for T seconds from the state `start` (6,) under random disturbances: states (n + 1, 6).
 
     A state is p_x, p_y, theta (world), v_x, v_y (body), omega.  Disturbances are Gaussian accelerations, constant over
-    KNOT_S, with standard deviations `scales.q`, drawn from the `seed`.
+    KNOT_S, with standard deviations `scales.q`, each correlated with the next by `scales.rho`, drawn from the `seed`.
     """
     car = inputs.car
     knots = int(np.ceil(T / KNOT_S)) + KNOTS
-    pushes = np.random.default_rng([seed, 0]).standard_normal((knots, 3)) * scales.q * [car.m, car.m, car.I_z]
+    drawn = np.random.default_rng([seed, 0]).standard_normal((knots, 3))
+    for before, now in itertools.pairwise(drawn):
+        now[:] = scales.rho * before + np.sqrt(1.0 - scales.rho**2) * now
+    pushes = drawn * scales.q * [car.m, car.m, car.I_z]
     return np.asarray(_integrate_states(start, pushes, inputs.chain, T, car, inputs.switches, inputs.constants))
 
 

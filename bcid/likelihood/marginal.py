@@ -1,8 +1,9 @@
 """Initial states and random pushes eliminated: the likelihood of a segment's residual alone.
 
 With x_0 the deviation of the initial state and p the pushes of a segment, z = [x_0, p], the residual is
-r = A z + eps, eps ~ N(0, R), p ~ N(0, Q), and x_0 anything at all (a flat prior).  R is diagonal, so everything
-goes through the small matrix M = A^T R^-1 A + diag(0, Q^-1):
+r = A z + eps, eps ~ N(0, R), p ~ N(0, Q), and x_0 anything at all (a flat prior).  Each push is correlated with the
+next (autoregression of first order), as what pushes a car lasts.  R is diagonal, so
+everything goes through the small matrix M = A^T R^-1 A + diag(0, Q^-1):
 
     P = R^-1 - R^-1 A M^-1 A^T R^-1,
     log density = const - log|R|/2 - log|Q|/2 - log|M|/2 + log|A_0^T W A_0|/2 - r^T P r/2,
@@ -32,7 +33,9 @@ from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START
 
 NU = 8.0  # degrees of freedom of Student's t
 MIN_VARIANCE = 1e-10  # what is left of a difference of large numbers may be negative
-EM_TOLERANCE = 1e-3  # relative change of the scales at which EM ends
+EM_TOLERANCE = 1e-3  # relative change of the scales, and change of correlations, at which EM ends
+MOST_LASTING = 0.95  # correlation of a push with the next: what lasts for longer is no push
+BISECTIONS = 30  # of an interval in which that correlation is sought
 # share of its diagonal below which a pivot is rounding: some hundred times the smallest difference of numbers
 LEAST_PIVOT = 1e-13
 MOST_UNSHOWN = 3  # numbers of a segment that poses need not show: its twist; where the car is they always show
@@ -40,15 +43,22 @@ MAX_ROUNDING = 0.1  # share of nu by which rounding may make a sum of squares ne
 
 
 class Scales(NamedTuple):
-    """Standard deviations of the noise (m, m, rad) and of the pushes (m/s^2, m/s^2, rad/s^2)."""
+    """Standard deviations of the noise (m, m, rad) and of the pushes (m/s^2, m/s^2, rad/s^2), and how these last."""
 
     r: Floats  # (3,)
     q: Floats  # (3,)
+    rho: Floats = np.zeros(3)  # correlation of each push with the next one
 
-    def nuisance_precisions(self) -> Floats:
-        """Prior precisions (N_NUISANCE,) of [initial state, pushes]: zero for the initial state, 1/q^2 for pushes."""
-        known = np.zeros(N_NUISANCE)
-        known[N_START:].reshape(KNOTS, 3)[:] = self.q**-2.0
+    def nuisance_precision(self) -> Floats:
+        """Prior precision (N_NUISANCE, N_NUISANCE) of [initial state, pushes]: zero for the initial state.
+
+        Of the pushes it is that of autoregressive ones of first order, Q^-1.
+        """
+        known = np.zeros((N_NUISANCE, N_NUISANCE))
+        pushes = known[N_START:, N_START:].reshape(KNOTS, 3, KNOTS, 3)
+        last, inner = np.eye(KNOTS, k=1) + np.eye(KNOTS, k=-1), np.diag(np.r_[0.0, np.ones(KNOTS - 2), 0.0])
+        for c, (q, rho) in enumerate(zip(self.q, self.rho, strict=True)):
+            pushes[:, c, :, c] = (np.eye(KNOTS) - rho * last + rho**2 * inner) / ((1.0 - rho**2) * q**2)
         return known
 
 
@@ -170,29 +180,27 @@ def solve_triangular(L: Floats, b: Floats) -> tuple[Floats, Floats]:
 
 
 @njit_parallel
-def eliminate_nuisance(moments: Moments, r: Floats, precisions: Floats) -> MarginalTerms:
+def eliminate_nuisance(moments: Moments, r: Floats, precision: Floats) -> MarginalTerms:
     """Marginal likelihood of each segment: chi^2, log-determinant, posterior mean and covariance of its nuisances.
 
     Nuisance parameters (initial state, pushes: constant disturbances over 0.25 s) are integrated out in closed form,
     the predictions being linear in them (restricted likelihood).  `moments` are the products of `segment_moments`,
-    `r` (3,) the noise's standard deviations (m, m, rad), `precisions` (N_NUISANCE,) prior precisions, 1/variance: 0
-    for initial states.
+    `r` (3,) the noise's standard deviations (m, m, rad), `precision` (N_NUISANCE, N_NUISANCE) that of the prior: 0 for
+    initial states.
     """
     S = len(moments.rr)
     chi2, log_det, count = np.empty(S), np.empty(S), np.empty(S)
     zs, roots = np.empty((S, N_NUISANCE)), np.empty((S, N_NUISANCE, N_NUISANCE))
     Vs = np.empty((S, N_NUISANCE, N_NUISANCE))
     rests, spreads = np.empty((S, 3)), np.empty((S, 3))
-    constant = -np.sum(np.log(precisions[N_START:]))
+    constant = -log_determinant(cholesky_factor(np.ascontiguousarray(precision[N_START:, N_START:])))
     for s in numba.prange(S):
         w_x, w_y, w_yaw = 1.0 / (r[0] * r[0]), 1.0 / (r[1] * r[1]), 1.0 / (r[2] * r[2])
         M = w_x * moments.AA[s, 0] + w_y * moments.AA[s, 1] + w_yaw * moments.AA[s, 2]
         b = w_x * moments.Ar[s, 0] + w_y * moments.Ar[s, 1] + w_yaw * moments.Ar[s, 2]
         square = w_x * moments.rr[s, 0] + w_y * moments.rr[s, 1] + w_yaw * moments.rr[s, 2]
         of_start = log_determinant(cholesky_factor(M[:N_START, :N_START] * (r[0] * r[1] * r[2]) ** (2.0 / 3.0)))
-        for i in range(N_NUISANCE):
-            M[i, i] += precisions[i]
-        L = cholesky_factor(M)
+        L = cholesky_factor(M + precision)
         root, (y, z) = inverse_of_triangle(L), solve_triangular(L, b)
         V = np.dot(root.T, root)
         chi2[s] = square - np.dot(y, y)
@@ -263,10 +271,31 @@ def em_update(terms: MarginalTerms, rows: Ints, most: Scales = UNLIMITED) -> Sca
     w = robust_weights(terms)
     r2 = (w[:, None] * terms.rest + terms.spread).sum(axis=0) / rows.sum()
     pushes = terms.z[:, N_START:].reshape(-1, KNOTS, 3)
-    spread = np.einsum("skk->sk", terms.V)[:, N_START:].reshape(-1, KNOTS, 3)
-    q2 = (w[:, None, None] * pushes**2 + spread).mean(axis=(0, 1))
+    spread = terms.V[:, N_START:, N_START:].reshape(-1, KNOTS, 3, KNOTS, 3)
+    products = np.einsum("s,skc,slc->ckl", w, pushes, pushes) + np.einsum("skclc->ckl", spread)
+    q2, rho = autoregression(products / len(w))
     r, q = (np.sqrt(np.maximum(square / w.mean(), MIN_VARIANCE)) for square in (r2, q2))
-    return Scales(np.minimum(r, most.r), np.minimum(q, most.q))
+    return Scales(np.minimum(r, most.r), np.minimum(q, most.q), rho)
+
+
+def autoregression(products: Floats) -> tuple[Floats, Floats]:
+    """Likeliest variances and correlations (C,) of C autoregressive processes of first order, by their mean products.
+
+    `products` (C, K, K) are means of p_k p_l over stretches of K values.  With the sums a of p_k^2, b of p_k p_{k+1} and
+    c of p_k^2 but for both ends, -2 log density is K log S + (K - 1) log(1 - rho^2), where S = K q^2 = (a - 2 rho b +
+    rho^2 c) / (1 - rho^2).  It is least where K (rho c - b) (1 - rho^2) + rho (a - 2 rho b + rho^2 c) = 0.  Below zero,
+    and beyond MOST_LASTING, rho is not sought.
+    """
+    K = products.shape[1]
+    square = np.einsum("ckk->ck", products)
+    a, b, c = square.sum(axis=1), np.einsum("ckk->ck", products[:, :-1, 1:]).sum(axis=1), square[:, 1:-1].sum(axis=1)
+    low, high = np.zeros_like(a), np.full_like(a, MOST_LASTING)
+    for _ in range(BISECTIONS):
+        rho = 0.5 * (low + high)
+        rises = K * (rho * c - b) * (1.0 - rho**2) + rho * (a - 2.0 * rho * b + rho**2 * c) > 0.0
+        low, high = np.where(rises, low, rho), np.where(rises, rho, high)
+    rho = 0.5 * (low + high)
+    return (a - 2.0 * rho * b + rho**2 * c) / ((1.0 - rho**2) * K), rho
 
 
 def checked_marginal_terms(moments: Moments, scales: Scales) -> MarginalTerms:
@@ -294,7 +323,7 @@ def _require_resolved_answers(moments: Moments) -> None:
 
 def _terms_within_rounding(moments: Moments, scales: Scales) -> MarginalTerms:
     """The terms of `eliminate_nuisance`; raises `PredictionDiverged` where rounding makes a chi^2 negative."""
-    terms = eliminate_nuisance(moments, scales.r, scales.nuisance_precisions())
+    terms = eliminate_nuisance(moments, scales.r, scales.nuisance_precision())
     # an unstable car answers so strongly that a difference of large numbers is lost
     if not (terms.chi2 > -MAX_ROUNDING * NU).all():
         raise PredictionDiverged("a quadratic form was lost in rounding")
@@ -317,8 +346,9 @@ def estimate_scales(
     terms = checked_marginal_terms(moments, scales)
     for _ in range(steps):
         before, scales = scales, em_update(terms, moments.rows, most)
-        require_finite("the noise", scales.r, scales.q)
+        require_finite("the noise", scales.r, scales.q, scales.rho)
         terms = _terms_within_rounding(moments, scales)
-        if np.allclose(np.r_[before.r, before.q], np.r_[scales.r, scales.q], rtol=EM_TOLERANCE, atol=0.0):
+        same = np.allclose(np.r_[before.r, before.q], np.r_[scales.r, scales.q], rtol=EM_TOLERANCE, atol=0.0)
+        if same and np.allclose(before.rho, scales.rho, rtol=0.0, atol=EM_TOLERANCE):
             break
     return scales, terms

@@ -298,7 +298,7 @@ def _terms_along_tangent(A: Floats, r: Floats, start: Floats, take: Take, scales
     ones.  The terms (chi^2, log-determinant, posterior) are NaN in segments whose prediction is not finite.
     """
     moments = segment_moments(about_no_pushes(r, A, start, take.first), A, take.first)
-    return marginal.eliminate_nuisance(moments, scales.r, scales.nuisance_precisions())
+    return marginal.eliminate_nuisance(moments, scales.r, scales.nuisance_precision())
 
 
 def _segment_gains(new: MarginalTerms, old: MarginalTerms) -> Floats:

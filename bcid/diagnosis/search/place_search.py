@@ -145,6 +145,6 @@ def _log_likelihood_at(fit: Fit, take: Take, phi: Floats) -> float:
     if not np.isfinite(r).all():
         return -np.inf
     moments = segment_moments(r, fit.tangent.A, take.first)
-    eliminated = eliminate_nuisance(moments, fit.scales.r, fit.scales.nuisance_precisions())
+    eliminated = eliminate_nuisance(moments, fit.scales.r, fit.scales.nuisance_precision())
     likelihood = float(student_log_densities(eliminated).sum())
     return likelihood if np.isfinite(likelihood) else -np.inf
