@@ -53,11 +53,11 @@ def at(fitted: tuple[Fit, Take], basis: RemainderBasis) -> TakeInformation:
 def explicit(at: TakeInformation, fitted: tuple[Fit, Take]) -> Explicit:
     """By the rows, and the prior of initial states and pushes: an inverse of each segment's own."""
     fit, _ = fitted
-    n, precisions = fit.hypothesis.named_size, fit.scales.nuisance_precision()
+    n, precision = fit.hypothesis.named_size, fit.scales.nuisance_precision()
     whole = Explicit([], [], [], [], [])
     for s, (a, b) in enumerate(zip(at.first, at.first[1:], strict=False)):
         A, J, Q, r = np.split(at.rows[a:b].reshape(3 * (b - a), -1), [N_NUISANCE, N_NUISANCE + n, -1], axis=1)
-        P = np.eye(len(A)) - A @ np.linalg.inv(A.T @ A + precisions) @ A.T
+        P = np.eye(len(A)) - A @ np.linalg.inv(A.T @ A + precision) @ A.T
         for column, value in zip(whole, (r[:, 0], J, Q @ at.values[s], Q, P), strict=True):
             column.append(value)
     return whole

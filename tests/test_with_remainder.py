@@ -250,7 +250,7 @@ def test_the_car_stays_where_it_is_while_functions_are_found() -> None:
 
 
 def test_on_the_drive_that_it_was_found_from_it_acts_in_full_nearly_always() -> None:
-    """The servo of this car turns faster than it does in any mean over half a second."""
+    """The servo of this car turns faster than it does in any mean over a quarter of a second."""
     fit, take = concealing(120.0, **LACKING)
     _, estimate = drive(120.0, 4)
     whole = add_free_functions(fit, take, 120.0, estimate.period_s)

@@ -28,7 +28,7 @@ DEFAULT_SPEED_MPS = 2.0  # of a vehicle whose file gives no reference speed
 REST_S = 3.0  # between two drives, to bring the car back
 REPETITIONS = (1, 2, 4, 8)  # of the whole plan, for effects that show over time
 
-NOMINAL_SCALES = Scales(np.array([3e-4, 3e-4, 6e-4]), np.array([0.02, 0.02, 0.02]))
+NOMINAL_SCALES = Scales(np.array([3e-4, 3e-4, 6e-4]), np.full(3, 0.02), np.full(3, 0.4))
 """Noise of a motion capture and pushes of a floor as they usually are, where there is no take yet."""
 
 

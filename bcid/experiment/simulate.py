@@ -4,8 +4,6 @@ For takes of nothing, noise floors and manoeuvres: the actuators and the body of
 piece.
 """
 
-import itertools
-
 import numpy as np
 
 from bcid.aliases import Floats, Switches
@@ -76,11 +74,16 @@ def simulate_states(inputs: PredictionInputs, T: float, scales: Scales, seed: in
     """
     car = inputs.car
     knots = int(np.ceil(T / KNOT_S)) + KNOTS
-    drawn = np.random.default_rng([seed, 0]).standard_normal((knots, 3))
-    for before, now in itertools.pairwise(drawn):
-        now[:] = scales.rho * before + np.sqrt(1.0 - scales.rho**2) * now
-    pushes = drawn * scales.q * [car.m, car.m, car.I_z]
+    pushes = draw_pushes(knots, scales, seed) * [car.m, car.m, car.I_z]
     return np.asarray(_integrate_states(start, pushes, inputs.chain, T, car, inputs.switches, inputs.constants))
+
+
+def draw_pushes(knots: int, scales: Scales, seed: int) -> Floats:
+    """Random accelerations (knots, 3) of the body, m/s^2 and rad/s^2: an autoregression with the scales' q and rho."""
+    pushes = np.random.default_rng([seed, 0]).standard_normal((knots, 3)) * scales.q
+    for k in range(1, knots):
+        pushes[k] = scales.rho * pushes[k - 1] + np.sqrt(1.0 - scales.rho**2) * pushes[k]
+    return pushes
 
 
 def observe_states(stamp_s: Floats, states: Floats, inputs: PredictionInputs) -> Floats:

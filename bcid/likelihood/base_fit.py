@@ -17,7 +17,7 @@ from bcid.aliases import Floats
 from bcid.likelihood.divergence import map_converged, none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
-from bcid.likelihood.marginal import UNLIMITED, Scales
+from bcid.likelihood.marginal import INDEPENDENT, UNLIMITED, Scales
 from bcid.likelihood.refit import Fit, evaluate_fixed, refit
 from bcid.likelihood.refit_state import Effort
 from bcid.likelihood.take import Take
@@ -127,7 +127,7 @@ def _fit_part(starts: Sequence[tuple[Take, Hypothesis, Floats, Scales]], require
 
 def _fit_with_small_pushes(part: Take, base: Hypothesis, phi: Floats, scales: Scales) -> Fit:
     """The base model fitted from phi: what the car does has to explain the poses."""
-    by_noise = UNLIMITED._replace(q=np.full(3, FIRST_PUSH))
+    by_noise = UNLIMITED._replace(q=np.full(3, FIRST_PUSH), rho=INDEPENDENT)  # lasting ones could do more
     return refit(part, base, phi, part.start, scales, FIRST_EFFORT, most=by_noise)
 
 

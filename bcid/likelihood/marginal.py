@@ -29,13 +29,15 @@ from bcid.aliases import Floats, Ints
 from bcid.compiled.njit import njit, njit_parallel
 from bcid.errors import PredictionDiverged
 from bcid.likelihood.divergence import require_finite
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START
 
 NU = 8.0  # degrees of freedom of Student's t
 MIN_VARIANCE = 1e-10  # what is left of a difference of large numbers may be negative
 EM_TOLERANCE = 1e-3  # relative change of the scales, and change of correlations, at which EM ends
-MOST_LASTING = 0.95  # correlation of a push with the next: what lasts for longer is no push
-BISECTIONS = 30  # of an interval in which that correlation is sought
+BISECTIONS = 30  # of the interval in which a correlation is sought
+INDEPENDENT = np.zeros(3)  # correlations of pushes that do not last
+INDEPENDENT.setflags(write=False)
 # share of its diagonal below which a pivot is rounding: some hundred times the smallest difference of numbers
 LEAST_PIVOT = 1e-13
 MOST_UNSHOWN = 3  # numbers of a segment that poses need not show: its twist; where the car is they always show
@@ -47,7 +49,7 @@ class Scales(NamedTuple):
 
     r: Floats  # (3,)
     q: Floats  # (3,)
-    rho: Floats = np.zeros(3)  # correlation of each push with the next one
+    rho: Floats = INDEPENDENT  # correlation of each push with the next one
 
     def nuisance_precision(self) -> Floats:
         """Prior precision (N_NUISANCE, N_NUISANCE) of [initial state, pushes]: zero for the initial state.
@@ -62,7 +64,7 @@ class Scales(NamedTuple):
         return known
 
 
-UNLIMITED = Scales(np.full(3, math.inf), np.full(3, math.inf))
+UNLIMITED = Scales(np.full(3, math.inf), np.full(3, math.inf), np.full(3, LIKELIHOOD_LIMITS.most_lasting))
 
 
 class Moments(NamedTuple):
@@ -273,23 +275,23 @@ def em_update(terms: MarginalTerms, rows: Ints, most: Scales = UNLIMITED) -> Sca
     pushes = terms.z[:, N_START:].reshape(-1, KNOTS, 3)
     spread = terms.V[:, N_START:, N_START:].reshape(-1, KNOTS, 3, KNOTS, 3)
     products = np.einsum("s,skc,slc->ckl", w, pushes, pushes) + np.einsum("skclc->ckl", spread)
-    q2, rho = autoregression(products / len(w))
+    q2, rho = autoregression(products / len(w), most.rho)
     r, q = (np.sqrt(np.maximum(square / w.mean(), MIN_VARIANCE)) for square in (r2, q2))
     return Scales(np.minimum(r, most.r), np.minimum(q, most.q), rho)
 
 
-def autoregression(products: Floats) -> tuple[Floats, Floats]:
+def autoregression(products: Floats, most: Floats) -> tuple[Floats, Floats]:
     """Likeliest variances and correlations (C,) of C autoregressive processes of first order, by their mean products.
 
-    `products` (C, K, K) are means of p_k p_l over stretches of K values.  With the sums a of p_k^2, b of p_k p_{k+1} and
-    c of p_k^2 but for both ends, -2 log density is K log S + (K - 1) log(1 - rho^2), where S = K q^2 = (a - 2 rho b +
-    rho^2 c) / (1 - rho^2).  It is least where K (rho c - b) (1 - rho^2) + rho (a - 2 rho b + rho^2 c) = 0.  Below zero,
-    and beyond MOST_LASTING, rho is not sought.
+    `products` (C, K, K) are means of p_k p_l over stretches of K values.  Let a be the sum of p_k^2, b of p_k p_{k+1},
+    and c of p_k^2 but for both ends.  -2 log density is K log S + (K - 1) log(1 - rho^2), where S = K q^2 = (a - 2 rho b
+    + rho^2 c) / (1 - rho^2).  It is least where K (rho c - b) (1 - rho^2) + rho (a - 2 rho b + rho^2 c) = 0.  Below
+    zero, and beyond `most` (C,), rho is not sought.
     """
     K = products.shape[1]
     square = np.einsum("ckk->ck", products)
     a, b, c = square.sum(axis=1), np.einsum("ckk->ck", products[:, :-1, 1:]).sum(axis=1), square[:, 1:-1].sum(axis=1)
-    low, high = np.zeros_like(a), np.full_like(a, MOST_LASTING)
+    low, high = np.zeros_like(a), most.copy()
     for _ in range(BISECTIONS):
         rho = 0.5 * (low + high)
         rises = K * (rho * c - b) * (1.0 - rho**2) + rho * (a - 2.0 * rho * b + rho**2 * c) > 0.0
@@ -333,11 +335,11 @@ def _terms_within_rounding(moments: Moments, scales: Scales) -> MarginalTerms:
 def estimate_scales(
     moments: Moments, scales: Scales, steps: int, most: Scales = UNLIMITED
 ) -> tuple[Scales, MarginalTerms]:
-    """Maximum-likelihood standard deviations of noise and pushes, and the segments' marginal likelihood terms there.
+    """The likeliest scales of noise and pushes, and the segments' marginal likelihood terms there.
 
     Expectation maximisation (EM) takes at most `steps` from `scales`, and ends where they change by less than the
-    relative EM_TOLERANCE; `steps` = 0 only evaluates.  Scales are `most` at most.  `moments` are the
-    segments' products of residuals and derivatives by nuisances (`segment_moments`).
+    relative EM_TOLERANCE, and correlations by EM_TOLERANCE; `steps` = 0 only evaluates.  Scales are `most` at most.
+    `moments` are the segments' products of residuals and derivatives by nuisances (`segment_moments`).
 
     Raises:
         PredictionDiverged: where a prediction or a scale is not finite, or rounding makes a chi^2 negative.

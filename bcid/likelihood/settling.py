@@ -33,7 +33,6 @@ MOST_DAMPING = 1e3  # beyond which a segment stays where it is
 SETTLED_NATS = 0.05  # that the step of an initial state and pushes still promises, below which they stay
 PIECES = 3  # of a segment, in which a badly fitting one is followed from its beginning on
 FAR_NATS = 5.0  # that are promised where a segment may do better without its pushes
-LEAST_DAMPING, DAMPING_FACTOR = 1e-3, 10.0  # of a step that has led astray, and from each such step to the next
 
 
 def settle_initial_states(problem: RefitProblem, state: RefitState, em_steps: int) -> RefitState:

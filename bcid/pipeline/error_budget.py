@@ -25,7 +25,6 @@ from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import predict_with_restarts
 from bcid.evaluation.error_budget import ErrorPart, ErrorParts, apportion_error, errors_of_sets
 from bcid.likelihood.divergence import none_if_diverged
-from bcid.likelihood.marginal import Scales
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take, build_take
 from bcid.models.fitting.windows import inverse_spread
@@ -142,7 +141,7 @@ def _floor_squares(
     or its simulated drive cannot be fitted.
     """
     fit, take, weights = diagnosis.fit, diagnosis.take, inverse_spread(estimate.twist)
-    still = replace(fit, scales=Scales(fit.scales.r, np.zeros_like(fit.scales.q)))
+    still = replace(fit, scales=fit.scales._replace(q=np.zeros_like(fit.scales.q)))
     rows = []
     for source in (still, fit):
         simulated = none_if_diverged(simulate_fitted_car, source, take, recording)

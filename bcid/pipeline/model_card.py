@@ -95,7 +95,7 @@ def describe_comparison(origin: Origin, fitted: DataRange | None, validation: Da
 
 
 def _noise_levels(model: Model) -> tuple[NoiseLevel, ...]:
-    """Standard deviations of poses and of half-second disturbances that the diagnosis fitted beside the model."""
+    """Standard deviations of poses and of disturbances that the diagnosis fitted beside the model."""
     noise = getattr(model, "facts", {}).get("noise", {})
     rows = [*zip(POSE_NOISE, noise.get("r", ()), strict=False), *zip(DISTURBANCES, noise.get("q", ()), strict=False)]
     return tuple(NoiseLevel(name=name, value=value, unit=unit) for (name, unit), value in rows)

@@ -22,8 +22,8 @@ DASHES = {BEFORE: "-", AFTER: (0, (4, 1.5))}
 def draw_before_after_pictures(diagnosis: DiagnosisDocument, knots: Columns, tracks: Columns) -> list[Picture]:
     """Pictures of errors by horizon, predicted paths, and residuals inside and outside where the mismatch was located.
 
-    "Before" is the base model, "after" the model with the effects found.  `knots` are columns (K,) of half-second
-    means of states and residual acceleration, `tracks` columns of measured and predicted positions.
+    "Before" is the base model, "after" the model with the effects found.  `knots` are columns (K,) of means
+    over a knot of states and residual acceleration, `tracks` columns of measured and predicted positions.
     """
     knots, pictures = drop_incomplete_knots(knots), []
     if diagnosis.horizons:
@@ -51,7 +51,7 @@ def draw_before_after_pictures(diagnosis: DiagnosisDocument, knots: Columns, tra
 def _draw_residual_histograms(residual: Residual, inside: Bools) -> list[Markup]:
     """Histograms of the residual acceleration before and after the effects found are added, as SVG elements.
 
-    One panel is of the half-second means that lie `inside` (K,) the place, time or range where the mismatch was
+    One panel is of the means over a knot that lie `inside` (K,) the place, time or range where the mismatch was
     located, the other of the rest.
     """
     frame = float(np.quantile(np.abs(residual.before), 0.99)) * 1.2 + 1e-6

@@ -27,7 +27,7 @@ def write_diagnosis_page(
     """Write the HTML page of a diagnosis to `path`, with pictures of the disturbance and of predicted paths.
 
     `card` says where it comes from, if that is known.
-    `knots` are columns (K,) of half-second means of states and unexplained acceleration, before and after the
+    `knots` are columns (K,) of means over a knot of states and unexplained acceleration, before and after the
     effects found are added; `tracks` are columns of measured and predicted positions.
     """
     filters: dict[str, Callable[..., str]] = {

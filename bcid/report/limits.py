@@ -8,9 +8,9 @@ class ReportLimits:
     """Limits of pages and pictures; all were chosen by looking at pages, none is justified by committed figures yet."""
 
     # Knots below which a picture of the disturbance is left out.
-    min_knots: int = 24
+    min_knots: int = 48
     # Knots in a bin below which its median is left out.
-    min_knots_per_bin: int = 5
+    min_knots_per_bin: int = 10
     # Rows in a bin of the steering angle below which a model's error is left out.
     min_rows_per_bin: int = 6
     # Correlation above which the second of two quantities is not drawn.
@@ -18,7 +18,7 @@ class ReportLimits:
     # Share of the recording above which a located time is described as the whole of it.
     whole_recording_share: float = 0.95
     # Knots per square that the squares of the floor map are sized for.
-    knots_per_square: int = 8
+    knots_per_square: int = 16
     # Share of them below which a square is grey, as hardly driven over.
     driven_square_share: float = 0.25
     # Factor by which places must explain more of the disturbance's size than of its mean for the map to show sizes.

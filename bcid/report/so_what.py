@@ -90,7 +90,7 @@ def remainder_sentences(d: DiagnosisDocument) -> list[str]:
     disturbed = next((p for p in chance if p.cause == "disturbances"), None)
     if disturbed and disturbed.ci95[0] > LIMITS.told_share:
         sentences.append(
-            f"{percent(disturbed.share)} are disturbances that change from half second to half second, and that no "
+            f"{percent(disturbed.share)} are disturbances that come and go within a second, and that no "
             "function of motion and commands predicts: bumps of the floor, a loose part, or physics not in the log."
         )
     return sentences

@@ -28,7 +28,7 @@ FINE_PER_SQUARE, SMOOTHING_SD = 3, 0.45
 def draw_where_pictures(diagnosis: DiagnosisDocument, knots: Columns) -> list[Picture]:
     """Pictures of the unexplained acceleration over the floor, over time and over the quantities it depends on most.
 
-    `knots` are columns (K,) of half-second means.  The picture of what was located (place, time, or a dependence)
+    `knots` are columns (K,) of means over a knot.  The picture of what was located (place, time, or a dependence)
     comes first; there are none for fewer than LIMITS.min_knots rows.
     """
     knots = disturbance.drop_incomplete_knots(knots)
@@ -119,7 +119,7 @@ def _mark_place_and_contacts(ax: Any, diagnosis: DiagnosisDocument) -> None:
 def _draw_over_time(diagnosis: DiagnosisDocument, knots: Columns, residual: Residual) -> list[Markup]:
     """Median and middle two thirds of the unexplained acceleration over time, located times shaded, as SVG."""
     time = knots["time_s"]
-    edges = np.linspace(time.min(), time.max() + 1e-6, int(np.clip(len(time) // 20, 3, 60)) + 1)
+    edges = np.linspace(time.min(), time.max() + 1e-6, int(np.clip(len(time) // 40, 3, 60)) + 1)
     group = np.clip(np.searchsorted(edges, time, side="right") - 1, 0, len(edges) - 2)
     middle = 0.5 * (edges[1:] + edges[:-1])
     drawn, frame = [], 1e-6
@@ -147,7 +147,7 @@ def _draw_over_time(diagnosis: DiagnosisDocument, knots: Columns, residual: Resi
 
 
 def _draw_over_variables(knots: Columns, residual: Residual, names: Sequence[str]) -> list[Markup]:
-    """Unexplained acceleration over each quantity in `names`, half-second means and binned medians, as SVG.
+    """Unexplained acceleration over each quantity in `names`, means over a knot and binned medians, as SVG.
 
     The panels of one quantity follow each other, before and after, in frames of one height for all.
     """
@@ -178,11 +178,14 @@ def _draw_over_variables(knots: Columns, residual: Residual, names: Sequence[str
 def _binned_medians(x: Floats, values: Floats) -> tuple[Floats, Floats, Floats]:
     """Mean of `x`, median of `values` and twice that median's standard error, in bins of equally many values of `x`.
 
-    Bins with fewer than LIMITS.min_knots_per_bin values are left out.  The standard error is that of normal values.
+    Bins with fewer than LIMITS.min_knots_per_bin values are left out.  The standard error is that of normal values, of
+    which neighbours in time are correlated: of an autoregression of first order (1 - rho) / (1 + rho) of them count.
     """
     group = disturbance.equal_count_bins(x)
     rows = [group == b for b in np.unique(group) if (group == b).sum() >= LIMITS.min_knots_per_bin]
     at = np.array([x[r].mean() for r in rows])
     median = np.array([np.median(values[r]) for r in rows])
-    error = np.array([2.0 * 1.2533 * values[r].std() / np.sqrt(r.sum()) for r in rows])
+    rho = max(0.0, float(np.corrcoef(values[:-1], values[1:])[0, 1])) if values.std() > 0.0 else 0.0
+    counting = (1.0 - rho) / (1.0 + rho)
+    error = np.array([2.0 * 1.2533 * values[r].std() / np.sqrt(counting * r.sum()) for r in rows])
     return at, median, error

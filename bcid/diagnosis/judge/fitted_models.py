@@ -36,7 +36,7 @@ def model_from_fit(fit: Fit, T: float, period_s: float) -> AugmentedNewtonEuler:
     facts = {
         "fitted": fitted, "se": errors, "log_likelihood": fit.log_likelihood,
         "correlation": correlation_fact(list(errors), fit.covariance[named, named]),
-        "noise": {"r": fit.scales.r.tolist(), "q": fit.scales.q.tolist()},
+        "noise": {name: scale.tolist() for name, scale in fit.scales._asdict().items()},
     }  # fmt: skip
     return AugmentedNewtonEuler(
         car, hypothesis.effect_values(fit.phi), hypothesis.constants, hypothesis.angle_limit, T, period_s, facts

@@ -1,8 +1,8 @@
 """What functions without a name explain by chance beside a fit, as pushes are more uneven than it takes them to be.
 
-The likelihood holds pushes constant over a quarter of a second, and independent from one to the next.  A floor is rough
-in its own way: what varies faster passes for more information than there is, and functions that have nothing to do with
-the take explain some of it.  What stays uneven for longer than a segment is not seen so.
+The likelihood holds pushes constant over a quarter of a second, and takes them to last by an autoregression.  A floor
+is rough in its own way: what varies otherwise passes for more information than there is, and functions that have
+nothing to do with the take explain some of it.  What stays uneven for longer than a segment is not seen so.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from bcid.diagnosis.remainder.information import gather_information
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
 
-DRAWS = 50  # from which the law of chance is found: what is said to be reached once in 100 takes is in 60 to 80
+# From these the law of chance is found: what is said to be reached once in 100 takes is reached in 60 to 80, and once
+# in 10,000 in 2,000 to 3,000.
+DRAWS = 50
 SEED = 0  # of these draws
 
 

@@ -1,4 +1,4 @@
-"""Regressions of what a model leaves: what they are given at each 0.5 s, folds in time, a perceptron and trees."""
+"""Regressions of what a model leaves: what they are given at each 0.25 s, folds in time, a perceptron and trees."""
 
 import warnings
 from collections.abc import Callable
