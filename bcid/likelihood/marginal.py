@@ -284,9 +284,12 @@ def autoregression(products: Floats, most: Floats) -> tuple[Floats, Floats]:
     """Likeliest variances and correlations (C,) of C autoregressive processes of first order, by their mean products.
 
     `products` (C, K, K) are means of p_k p_l over stretches of K values.  Let a be the sum of p_k^2, b of p_k p_{k+1},
-    and c of p_k^2 but for both ends.  -2 log density is K log S + (K - 1) log(1 - rho^2), where S = K q^2 = (a - 2 rho b
-    + rho^2 c) / (1 - rho^2).  It is least where K (rho c - b) (1 - rho^2) + rho (a - 2 rho b + rho^2 c) = 0.  Below
-    zero, and beyond `most` (C,), rho is not sought.
+    and c of p_k^2 but for both ends.  Then -2 log density is K log S + (K - 1) log(1 - rho^2), where S = K q^2 =
+    (a - 2 rho b + rho^2 c) / (1 - rho^2).  It is least where
+
+        K (rho c - b) (1 - rho^2) + rho (a - 2 rho b + rho^2 c) = 0.
+
+    Below zero, and beyond `most` (C,), rho is not sought.
     """
     K = products.shape[1]
     square = np.einsum("ckk->ck", products)
