@@ -526,7 +526,7 @@ def test_pictures_can_stand_alone() -> None:
 
 def test_a_sparse_drive_over_a_wide_floor_can_be_drawn() -> None:
     d, knots, _ = nothing()
-    sparse = {n: v[::20] for n, v in knots.items()}
+    sparse = {n: v[::10] for n, v in knots.items()}
     sparse |= {"x": 40.0 * sparse["x"], "y": 40.0 * sparse["y"]}
     for columns in (sparse, knots | {"x": 0.0 * knots["x"], "y": 0.0 * knots["y"]}):
         assert [p.panels[0].startswith("<svg ") for p in where_pictures(d, columns)] == [True] * 3

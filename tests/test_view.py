@@ -23,6 +23,7 @@ from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import RestartedPrediction
 from bcid.files.outputs import refuse_to_overwrite
+from bcid.likelihood.take import KNOT_S
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle, read_vehicle
@@ -223,8 +224,8 @@ def test_a_push_is_an_arrow_along_it_from_the_car(workspace: Path, tmp_path: Pat
     content = view_of_workspace(workspace)
     write_view(content, tmp_path / "view.mcap", lambda there: False)
     pushes = {read.log_ns: read.message for read in read_view(tmp_path / "view.mcap")["/bcid/pushes"]}
-    before, after = pushes[content.stamp_ns(WORST_S - 0.25)]["entities"]
-    assert before["lifetime"] == {"sec": 0, "nsec": 500_000_000}
+    before, after = pushes[content.stamp_ns(WORST_S - 0.5 * KNOT_S)]["entities"]
+    assert before["lifetime"] == {"sec": 0, "nsec": round(KNOT_S * 1e9)}
     along, upward = before["arrows"]
     e = content.estimate
     x, y, yaw = (float(np.interp(WORST_S, e.time_s, e.pose[:, c])) for c in range(3))

@@ -26,7 +26,7 @@ from bcid.diagnosis.remainder.waves import (
 )
 from bcid.effects.remainder_table import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.take import SEGMENT_S, Take
+from bcid.likelihood.take import N_NUISANCE, SEGMENT_S, Take
 from bcid.likelihood.tracking_functions import (
     FIRST_WAVE,
     INTO,
@@ -55,7 +55,7 @@ class Null(NamedTuple):
         some = add_waves(self.basis, [Wave("fx", np.vstack([function, function]), 0.0)])
         at = gather_information(self.fit, self.take, some, np.zeros(len(some.size)))
         j, n = some.channel.index("fx~") if function.shape[0] == COLUMNS else -2, len(at.phi)
-        rows = at.rows[:, :, 15 + n : -1]
+        rows = at.rows[:, :, N_NUISANCE + n : -1]
         moved = np.concatenate(
             [rows[a:b] @ at.values[s, :, j] for s, (a, b) in enumerate(zip(at.first, at.first[1:], strict=False))]
         )

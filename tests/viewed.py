@@ -20,6 +20,7 @@ from bcid.estimate.saving import save_estimate
 from bcid.estimate.types import Estimate
 from bcid.files.parquet import write_columns
 from bcid.files.source_code import StageCode
+from bcid.likelihood.take import KNOT_S
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.saving import save_model
 from bcid.recording.saving import save_recording
@@ -28,7 +29,7 @@ from bcid.store.artifact import Artifact, Recipe, Store
 from bcid.vehicle import Vehicle
 
 CODE = StageCode("code", {})
-WORST_S = 20.25
+WORST_S = 20.125  # the middle of a knot
 """The middle of the knot at which the made diagnosis helps most."""
 
 
@@ -86,7 +87,7 @@ def made_knots(estimates: Sequence[Estimate], durations_s: Sequence[float]) -> A
     """Knots along the paths of takes that follow each other after a second, with a push to the left at WORST_S."""
     rows, ahead = [], 0.0
     for e, duration_s in zip(estimates, durations_s, strict=True):
-        time_s = np.arange(5.25, duration_s - 5.0, 0.5)
+        time_s = np.arange(5.0 + 0.5 * KNOT_S, duration_s - 5.0, KNOT_S)
         pose = np.column_stack([np.interp(time_s, e.time_s, column) for column in e.pose.T])
         knots = np.zeros((len(time_s), len(KNOT_UNITS)))
         names = list(KNOT_UNITS)
