@@ -114,6 +114,23 @@ def held_out_table(drives: Mapping[str, Mapping[str, Any]]) -> str:
     return _markdown_table(["drive", "names", "share of the functions", "0.5 s", "2 s", "10 s"], rows)
 
 
+def pushes_table(laws: Sequence[Mapping[str, Any]]) -> str:
+    """The docs' table of docs/results/pushes.json: what each law of the pushes leaves to functions without a name.
+
+    Each cell holds the nats that they explain beside a base model, by chance, and those of the base model beyond that
+    with the first law.
+    """
+    head = [f"{1.5 / law['knots']:g} s, {'lasting' if law['lasting'] else 'independent'}" for law in laws]
+    rows = list[list[str]]()
+    for name, first in laws[0]["takes"].items():
+        cells = list[str]()
+        for take in (law["takes"][name] for law in laws):
+            more = take["log_likelihood"] - first["log_likelihood"]
+            cells.append(f"{take['explained']:.0f}, {take['by_chance']:.0f}" + (f" (+{more:.0f})" if more else ""))
+        rows.append([_shorten_name(name), *cells])
+    return _markdown_table(["take", *head], rows)
+
+
 def _shorten_name(name: str, most: int = 32) -> str:
     """The last words of a name that has more than `most` characters.
 

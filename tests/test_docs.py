@@ -20,6 +20,7 @@ from docs_tables import (
     evidence_table,
     held_out_table,
     methods_table,
+    pushes_table,
     real_answers_table,
     real_figures_table,
     renew_bench_table,
@@ -500,6 +501,11 @@ def test_the_docs_tell_what_free_functions_predict_of_real_drives() -> None:
     helped = [d for d in drives.values() if d["function_share"] > 0.0]
     assert all(d["errors"]["2"]["remainder"] < d["errors"]["2"]["after"] for d in helped)
     assert f"On {len(helped)} of {len(drives)} drives" in page
+
+
+def test_the_docs_tell_what_the_law_of_pushes_decides() -> None:
+    laws = json.loads((DOCS / "results" / "pushes.json").read_text(encoding="utf-8"))
+    assert pushes_table(laws) in (DOCS / "method.md").read_text(encoding="utf-8")
 
 
 def test_the_docs_are_text_without_control_characters() -> None:

@@ -45,7 +45,7 @@ class LikelihoodLimits:
     min_information: float = 1e-9
     # Correlation of a push with the next, a quarter of a second later, at most: that of means over a floor whose
     # roughness decays within 0.3 s.  What lasts for longer cannot be told from a law that is missing: with up to 0.95
-    # functions seemed to explain 73 nats of what refits with them explain 375 of, with 0.6 twice as much.  And segments
+    # functions seemed to explain 73 nats of what refits with them explain 375 of, with 0.6 127 of 493.  And segments
     # begin anew, so that of pushes which last evidence is overstated.
     most_lasting: float = 0.6
     # Gain (nats) that counts where chance is not drawn for the take: plans and corrections.  Blind test: 600 names

@@ -20,7 +20,7 @@ from bcid.recording.types import Recording
 
 SEGMENT_S = 1.5
 # equal parts of a segment, in each of which a push is constant.  Of three a floor that is rough over 0.3 s left what
-# passed for information: functions without a name explained 13 to 22 nats by chance, of six 3 to 4.
+# passed for information (docs/results/pushes.json).
 KNOTS = 6
 KNOT_S = SEGMENT_S / KNOTS
 N_START = 6  # leading nuisance parameters of a segment: its initial state; then a_x, a_y, alpha_z of each knot's push
