@@ -117,7 +117,7 @@ def random_problem(segments: int = 4, n: int = 5) -> Problem:
     counts = rng.integers(8, 14, segments)
     first = np.r_[0, np.cumsum(counts)].astype(np.int64)
     N = int(first[-1])
-    scales = Scales(np.array([0.01, 0.02, 0.03]), np.array([0.02, 0.05, 0.01]), np.array([0.4, 0.7, 0.2]))
+    scales = Scales(np.array([0.01, 0.02, 0.03]), np.array([0.02, 0.05, 0.01]), np.array([0.4, 0.5, 0.2]))
     A, J = rng.standard_normal((N, 3, N_NUISANCE)), rng.standard_normal((N, 3, n))
     root = np.linalg.cholesky(lasting_covariance(scales.q, scales.rho))
     free = rng.standard_normal((segments, N_NUISANCE - N_START)) @ root.T
