@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import NamedTuple
 
-from bcid.diagnosis.diagnose import fit_base_model
+from bcid.diagnosis.diagnose import BaseFit, fit_base_model
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
@@ -51,9 +51,8 @@ def record_case(case: BlindCase, name: str = "concealed") -> RecordedCase:
 
 
 @cache
-def nothing_missing(seed: int, number: int) -> tuple[Fit, Take]:
+def nothing_missing(seed: int, number: int) -> BaseFit:
     """The published model of a small car, fitted to its drive; nothing is missing.  `number` is that of its case."""
     (draw_nothing, *_) = draft_small_cases(repeats=0, nulls=1)
     case = record_case(draw_nothing(seed, number))
-    base = fit_base_model([case.recording], [case.estimate], case.vehicle, case.reference)
-    return base.fit, base.take
+    return fit_base_model([case.recording], [case.estimate], case.vehicle, case.reference)

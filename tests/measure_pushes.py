@@ -42,17 +42,9 @@ def measure(law: PushLaw, recordings: Path | None) -> dict[str, Any]:
 
     if not law.lasting:
         limits.LIKELIHOOD_LIMITS = replace(limits.LIKELIHOOD_LIMITS, most_lasting=0.0)
-    from concealed import record_case
+    from concealed import nothing_missing
 
-    from bcid.diagnosis.diagnose import fit_base_model
-    from bcid.proof.blind.small_suite import draft_small_cases
-
-    (draw_nothing, *_) = draft_small_cases(repeats=0, nulls=1)
-    figures = {}
-    for number in CASES:
-        case = record_case(draw_nothing(SEED, number))
-        base = fit_base_model([case.recording], [case.estimate], case.vehicle, case.reference)
-        figures[f"small-null-{number}"] = describe(base)
+    figures = {f"small-null-{number}": describe(nothing_missing(SEED, number)) for number in CASES}
     for name, base in real_drives(recordings) if recordings else ():
         figures[name] = describe(base)
     return figures

@@ -300,7 +300,8 @@ def test_segments_of_a_stiff_slow_car_settle() -> None:
 
     Shares of whole steps had left one segment in eight up to 120 nats off.
     """
-    fit, take = nothing_missing(2330449787, 1199)
+    base = nothing_missing(2330449787, 1199)
+    fit, take = base.fit, base.take
     problem = RefitProblem(take, fit.hypothesis, fit.hypothesis.prior(fit.phi))
     off = fit.start.copy()
     off[:, 3:N_START] += np.random.default_rng(8).standard_normal((take.segments, 3)) * (0.03, 0.03, 0.1)

@@ -224,7 +224,8 @@ def test_what_is_missing_exceeds_what_chance_explains() -> None:
 
 def test_a_floor_that_is_rough_in_its_own_way_is_no_mismatch() -> None:
     """Its pushes come and go in 0.3 s.  Held constant over half a second they were 30 nats, which chance made too."""
-    fit, take = nothing_missing(2330449787, 1207)
+    base = nothing_missing(2330449787, 1207)
+    fit, take = base.fit, base.take
     basis = basis_for(fit, take)
     chance, explained = draw_chance(fit, take, basis), explain(fit, take, basis).nats
     assert explained < LIKELIHOOD_LIMITS.usual_gate_nats
@@ -233,7 +234,7 @@ def test_a_floor_that_is_rough_in_its_own_way_is_no_mismatch() -> None:
 
 
 def test_chance_has_the_law_of_its_draws() -> None:
-    """Of a gamma law: the standard exponential one, and by 50 draws what one in a hundred exceeds, twice at most."""
+    """Levels of an exponential law are exact; those found from DRAWS draws are exceeded twice as often at most."""
     exponential = Chance(1.0, 1.0)
     assert exponential.reached_with(0.01) == pytest.approx(np.log(100.0))
     assert exponential.p_value(np.log(100.0)) == pytest.approx(0.01)

@@ -51,7 +51,7 @@ def draw_before_after_pictures(diagnosis: DiagnosisDocument, knots: Columns, tra
 def _draw_residual_histograms(residual: Residual, inside: Bools) -> list[Markup]:
     """Histograms of the residual acceleration before and after the effects found are added, as SVG elements.
 
-    One panel is of the means over a knot that lie `inside` (K,) the place, time or range where the mismatch was
+    One panel is of the knots that lie `inside` (K,) the place, time or range where the mismatch was
     located, the other of the rest.
     """
     frame = float(np.quantile(np.abs(residual.before), 0.99)) * 1.2 + 1e-6

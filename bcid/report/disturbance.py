@@ -52,7 +52,7 @@ def located_windows(diagnosis: DiagnosisDocument) -> list[tuple[float, float]]:
 
 
 def drop_incomplete_knots(knots: Columns) -> dict[str, Floats]:
-    """The columns of `knots` (means over a knot) without the rows at which any column is not finite."""
+    """The columns of `knots` without the rows at which any column is not finite."""
     columns = {name: np.asarray(values, dtype=float) for name, values in knots.items()}
     rows = np.all([np.isfinite(v) for v in columns.values()], axis=0)
     return {name: values[rows] for name, values in columns.items()}
@@ -80,7 +80,7 @@ def choose_residual(diagnosis: DiagnosisDocument, knots: Columns) -> Residual:
 
 
 def knot_variable(name: str, knots: Columns) -> Floats:
-    """Values (K,) of a quantity on which a mismatch may depend, such as "speed", from the means over a knot `knots`.
+    """Values (K,) of a quantity on which a mismatch may depend, such as "speed", from `knots`.
 
     >>> knot_variable("speed", {"v_x": np.array([3.0]), "v_y": np.array([4.0])})
     array([5.])
@@ -142,7 +142,7 @@ def _strongly_correlated(a: Floats, b: Floats) -> bool:
 
 
 def square_size(knots: Columns) -> float:
-    """Side (m), 0.3 to 1.5, of squares of the floor that hold LIMITS.knots_per_square means over a knot on average."""
+    """Side (m), 0.3 to 1.5, of squares of the floor that hold LIMITS.knots_per_square knots on average."""
     x, y = knots["x"], knots["y"]
     return float(np.clip(np.sqrt(max(np.ptp(x) * np.ptp(y), 1e-6) * LIMITS.knots_per_square / len(x)), 0.3, 1.5))
 
@@ -165,7 +165,7 @@ def root_mean_square(values: Floats) -> float:
 
 
 def located_knots(diagnosis: DiagnosisDocument, knots: Columns) -> tuple[Bools, str]:
-    """Mask (K,) of means over a knot that lie where the mismatch was located, and a description of that place or time.
+    """Mask (K,) of knots that lie where the mismatch was located, and a description of that place or time.
 
     Where only a dependence on a quantity was found, the mask is that third of the quantity's values in which the
     residual acceleration has the largest root mean square; where nothing was located, the mask is true throughout.
@@ -194,7 +194,7 @@ def located_knots(diagnosis: DiagnosisDocument, knots: Columns) -> tuple[Bools, 
 
 
 def located_or_all_knots(diagnosis: DiagnosisDocument, knots: Columns) -> tuple[Bools, str]:
-    """Which means over a knot (K,) lie at the located place or time, and a description of it.
+    """Which knots (K,) lie at the located place or time, and a description of it.
 
     All are taken, with an empty description, where none was located or fewer than LIMITS.min_knots lie there.
     """

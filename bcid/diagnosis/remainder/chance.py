@@ -30,23 +30,25 @@ class Chance(NamedTuple):
     mean: float
     sd: float
 
+    @property
+    def scale(self) -> float:
+        """Scale (nats) of the gamma law, whose shape is the mean over it; 0 where chance explains nothing."""
+        return self.sd**2 / self.mean if self.mean > 0.0 else 0.0
+
     def reached_with(self, p: float) -> float:
         """Nats that chance reaches with probability `p`; 0 where it reaches none."""
         from scipy.special import gammainccinv
 
-        if self.mean <= 0.0 or self.sd <= 0.0:
-            return self.mean
-        scale = self.sd**2 / self.mean
-        return float(scale * gammainccinv(self.mean / scale, p))
+        scale = self.scale
+        return float(scale * gammainccinv(self.mean / scale, p)) if scale > 0.0 else self.mean
 
     def p_value(self, nats: float) -> float:
         """Probability that chance reaches so many `nats`."""
         from scipy.special import gammaincc
 
-        if self.mean <= 0.0 or self.sd <= 0.0:
-            return float(nats <= self.mean)
-        scale = self.sd**2 / self.mean
-        return float(gammaincc(self.mean / scale, max(nats, 0.0) / scale))
+        scale = self.scale
+        above = gammaincc(self.mean / scale, max(nats, 0.0) / scale) if scale > 0.0 else nats <= self.mean
+        return float(above)
 
 
 @kept_under()
