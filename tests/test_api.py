@@ -159,4 +159,4 @@ def test_the_tutorial_runs(tmp_path: Path) -> None:
 
 @pytest.mark.proof
 def test_the_tutorial_s_diagnosis_runs(tmp_path: Path) -> None:
-    assert "Missing in the simulation" in tutorial(tmp_path, with_diagnosis=True)
+    assert "Missing in the model" in tutorial(tmp_path, with_diagnosis=True)

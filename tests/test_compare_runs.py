@@ -173,8 +173,8 @@ def test_drag_is_left_out_where_its_error_at_the_other_speed_is_not_known_consta
         ({"ratio": 1.1}, "physics is missing"),
         ({"take": 1}, "not independent"),
         # ± 0.12 % of a front stiffness that lay 17 % off (one-step, a sample car)
-        ({"loss": "one-step"}, "the second: ± without the bias of smoothed velocities"),
-        ({"loss": "rollout"}, "the second: ± without the bias of smoothed velocities"),
+        ({"loss": "one-step"}, "the second: ± leave out that smoothed velocities bias"),
+        ({"loss": "rollout"}, "the second: ± leave out that smoothed velocities bias"),
     ],
 )
 def test_errors_that_cannot_be_relied_upon_decide_nothing(tmp_path: Path, more: dict[str, Any], caution: str) -> None:

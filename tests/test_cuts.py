@@ -6,6 +6,8 @@ import csv
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -15,7 +17,9 @@ from typer.testing import CliRunner
 from bcid.cli.app import app
 from bcid.errors import InputRefused, UsageError
 from bcid.pipeline.config import PipelineConfig
+from bcid.pipeline.origin import trace_origin
 from bcid.pipeline.run import Pipeline
+from bcid.pipeline.take_stages import TakeStages
 from bcid.pipeline.takes import name_takes
 from bcid.recording.cuts import COMMAND_MARGIN_S, cut_raw_take, read_cut_recording, split_cut
 from bcid.recording.formats import csv_plain, mcap_contents
@@ -183,6 +187,18 @@ def test_commands_take_parts_of_takes(takes: dict[str, Path], vehicle_file: Path
         app, ["ingest", "--check", f"{takes['mcap']}[10:50]", "--vehicle", str(vehicle_file)], catch_exceptions=False
     )
     assert "go: " in checked.stdout
+
+
+def test_a_part_of_a_take_was_recorded_when_the_take_was(takes: dict[str, Path], vehicle_file: Path) -> None:
+    asked = SimpleNamespace(
+        runner=SimpleNamespace(
+            config=SimpleNamespace(vehicle=vehicle_file, command="bcid"), vehicle=SimpleNamespace(name="car")
+        ),
+        ingest=lambda path: SimpleNamespace(folder=path), title=lambda path: path.name,
+    )  # fmt: skip
+    whole = takes["motive"]
+    origin = trace_origin(cast(TakeStages, asked), [Path(f"{whole}[1:5]"), whole])
+    assert origin.recordings[0].recorded == origin.recordings[1].recorded is not None
 
 
 def test_what_was_read_is_written_as_tables(takes: dict[str, Path], vehicle_file: Path, tmp_path: Path) -> None:

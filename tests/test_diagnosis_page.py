@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import html
+import io
 import re
+import subprocess
+import sys
 from html.parser import HTMLParser
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+from exported_models import MODELS
 from markupsafe import Markup
+from rich.console import Console
 
+from bcid.cli.show import diagnosis_tables
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.effects.table import EFFECTS
+from bcid.models.saving import save_model
 from bcid.report import before_after_figures, diagnosis_page, disturbance, law_figures, verdict_words, where_figures
 from bcid.report.disturbance import knot_variable
 from bcid.report.formats import format_number, format_with_error
@@ -265,10 +274,52 @@ def test_every_verdict_has_a_page_that_needs_nothing_from_outside(verdict: str, 
 
 def test_named_says_what_how_large_and_what_it_helps() -> None:
     said = verdict_sentence(named()[0])
-    assert said.startswith("Missing in the simulation: rough patch (environment), b = 27.6 ± 1.9 N s/m, x = 2.06")
+    assert said.startswith("Missing in the model: rough patch (environment), b = 27.6 ± 1.9 N s/m, x = 2.06")
     assert "radius = 1.12 ± 0.05 m" in said
     assert "the held-out 2 s error (NMSE) falls by 66 % (95 % interval 55 to 74 %)" in said
     assert "1.05 times the noise floor" in said
+
+
+def test_a_simulation_is_said_only_of_what_somebody_gave() -> None:
+    d = named()[0]
+    assert "simulation" not in verdict_sentence(d)
+    assert verdict_sentence(d | {"simulation": "published.toml"}).startswith("Missing in the simulation: rough patch")
+    assert DiagnosisDocument.model_validate(d).compared == "model"
+
+
+def test_the_page_says_from_where_the_next_drive_sets_off(tmp_path: Path) -> None:
+    d, knots, tracks = ambiguous()
+    d["next_manoeuvre"] |= {
+        "start": {"x_m": -1.75, "y_m": 1.84, "yaw_rad": np.pi / 2}, "seconds": 29.6,
+        "floor": {"x_m": [-4.0, 5.2], "y_m": [-3.1, 2.9]},
+    }  # fmt: skip
+    said = (
+        "Set the car down at rest at x = −1.75 m, y = 1.84 m, heading 90°, its wheel straight; the drive takes 30 s, "
+        "and keeps to x = −4.0 to 5.2 m and y = −3.1 to 2.9 m"
+    )
+    text, _ = page((d, knots, tracks), tmp_path)
+    assert text.count(said) == 2  # in short, and beside the file of commands
+    told = io.StringIO()
+    Console(file=told, width=10_000).print(diagnosis_tables(DiagnosisDocument.model_validate(d)))
+    assert said in told.getvalue()
+
+
+def test_the_python_of_the_page_runs(tmp_path: Path) -> None:
+    (tmp_path / "model").mkdir()
+    save_model(MODELS["newton-euler-augmented"], tmp_path / "model")
+    text = (files("bcid.report") / "use_model.py.j2").read_text(encoding="utf-8")
+    assert text.strip() in html.unescape(page(named(), tmp_path)[0])
+    done = subprocess.run([sys.executable, "-c", text], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert "v_x" in done.stdout
+
+
+def test_a_channel_that_others_stand_in_for_is_explained(tmp_path: Path) -> None:
+    d, knots, tracks = unknown()
+    without = "is not among them: alone it explains most"
+    d["channels"] = {"mz": 40.0, "fx": 12.0}
+    assert without not in page((d, knots, tracks), tmp_path)[0]
+    d["channels"] = {"mz": 0.0, "fx": 12.0}
+    assert f"The yaw moment (mz) {without}" in page((d, knots, tracks), tmp_path)[0]
 
 
 def test_a_measurement_effect_is_never_said_of_the_vehicle() -> None:
@@ -285,7 +336,8 @@ def test_several_findings_and_a_remainder_are_all_said() -> None:
     assert "; pose latency (measurement), τ" in said
     assert "With them the held-out" in said
     rest = "is left that no named effect explains: it acts on the yaw moment"
-    assert f"Yet in the recorded poses, which show smaller differences, something more {rest}" in said
+    assert f"Too small to show in predictions, something more {rest}" in said
+    assert said.endswith("So each ± is narrower than the truth.")
     d["fit"]["nmse_after"] = 2.0 * d["fit"]["nmse_floor"]
     assert f". Something more {rest}" in verdict_sentence(d)
     d["fit"]["nmse_floor"] = None
@@ -298,14 +350,14 @@ def test_ambiguous_names_all_that_cannot_be_told_apart() -> None:
         "cannot tell which: rear rolling viscous, b = 16.9 ± 1.1 N s/m, or instead quadratic drag or yaw scrub." in said
     )
     assert "falls by 55 %" in said
-    assert "Missing in the simulation" not in said
+    assert "Missing in the" not in said
 
 
 def test_ambiguous_keeps_apart_what_stands_alone() -> None:
     d = ambiguous()[0]
     d["findings"].insert(0, finding("motor_dead_zone", {"width": (0.13, 0.01, "m/s")}))
     said = verdict_sentence(d)
-    assert said.startswith("Missing in the simulation: motor dead zone, width = 0.130 ± 0.010 m/s. Something more is")
+    assert said.startswith("Missing in the model: motor dead zone, width = 0.130 ± 0.010 m/s. Something more is")
 
 
 def test_unknown_says_channel_dependence_and_form() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -171,6 +172,19 @@ def test_a_measured_speed_has_no_largest_acceleration() -> None:
     assert "a_max" not in file["f1tenth_gym"] | file["commonroad"]["longitudinal"]
     assert re.search(r"# not known to the model: a_max", text)
     assert file["f1tenth_gym"]["v_min"] == -file["f1tenth_gym"]["v_max"]
+
+
+def test_each_constant_says_how_well_it_is_known() -> None:
+    fitted = {"C_f": {"relative_se": 0.02}, "F_r_max": {"relative_se": 3.0}, "F_f_max": {"relative_se": 0.01}}
+    text = text_of(NewtonEuler(CAR, PERIOD_S, {"fitted": fitted}))
+    assert re.search(rf"  C_f: .*, standard error {0.02 * CAR.C_f:.2g}\n", text)
+    assert re.search(r"  F_r_max: .*, not identified by the recordings\n", text)
+    assert re.search(r"  mu: .*; a guess, as F_r_max is not identified", text)
+    assert re.search(r"  m: [0-9.]+  # kg\n", text)
+    diagnosed = replace(MODELS["newton-euler-augmented"], facts={"se": {"C_r": 0.7 * CAR.C_r, "R_1": 9.0}})
+    text = text_of(diagnosed)
+    assert re.search(r"  C_r: .*, not identified by the recordings\n", text)
+    assert re.search(r"  R_1: .*, standard error 9\n", text)
 
 
 def test_the_names_are_those_that_others_read() -> None:

@@ -232,7 +232,7 @@ def test_coasting_and_turning_tell_rolling_from_air_drag_and_a_steady_circle_doe
     assert best is not None
     assert best.score >= max(score.values()) - 1e-9
     assert best.repeats >= 1
-    for word in ("rear_rolling_viscous", "quadratic_drag", "v_x", "speed", "m/s"):
+    for word in ("rear rolling viscous", "quadratic drag", "v_x", "speed", "m/s"):
         assert word in best.why
 
 

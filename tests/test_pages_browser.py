@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from browsing import contrast
 from PIL import Image
-from test_diagnosis_page import VERDICTS, Made, finding, named, write_diagnosis_page
+from test_diagnosis_page import VERDICTS, Made, finding, law, named, write_diagnosis_page
 from test_fleet_diagnosis import ALL_DAYS, DAYS, diagnosed_log, fleet_document
 from test_in_short import card
 from test_pipeline import Record
@@ -59,6 +59,11 @@ def crowded() -> Made:
         "name": "slow figure of eight", "why": "It shows the yaw moment.", "file": "next_manoeuvre.commands.csv",
         "score": 41.0, "repeats": 2, "separates": ["motor_delay", "yaw_scrub"],
     }  # fmt: skip
+    # of the other channels, those with the longest words beside the picture
+    document["remainder"] = [
+        {"channel": channel, "nats_before": 90.0, "nats_left": 0.4, "curve": law(0.06, quantity="steering_rate")}
+        for channel in ("steering", "motor", "mz")
+    ]
     return document, knots, tracks
 
 

@@ -51,6 +51,7 @@ def score_cells(score: ModelScore) -> list[str]:
 def diagnosis_tables(document: DiagnosisDocument) -> Group:
     """A diagnosis as text and tables: verdict, findings, prediction errors on held-out blocks, effects not excited."""
     from bcid.report.budget_words import budget_rows
+    from bcid.report.drive_words import describe_start
     from bcid.report.verdict_words import short_take_sentence, verdict_sentence
 
     parts: list[Any] = [escape(" ".join(filter(None, [verdict_sentence(document), short_take_sentence(document)])))]
@@ -92,7 +93,7 @@ def diagnosis_tables(document: DiagnosisDocument) -> Group:
     if document.error_budget:
         budget = document.error_budget
         shares = [[row.label, row.share, row.interval, row.remark] for row in budget_rows(budget)]
-        title = f"what the {budget.horizon_s:g} s error before is made of"
+        title = f"what the base model's {budget.horizon_s:g} s error is made of"
         parts.append(plain_table(title, ["part", "share", "95 % interval", ""], shares))
     if document.not_excited:
         unseen = ", ".join(
@@ -104,7 +105,7 @@ def diagnosis_tables(document: DiagnosisDocument) -> Group:
         parts.append(escape(f"could not be seen here: {unseen}"))
     if document.next_manoeuvre:
         drive = document.next_manoeuvre
-        parts.append(escape(f"next: drive {drive.name} ({drive.file}): {drive.why}"))
+        parts.append(escape(f"next: drive {drive.name} ({drive.file}): {drive.why} {describe_start(drive)}".rstrip()))
     return Group(*parts)
 
 

@@ -128,6 +128,13 @@ class Start(Part):
     yaw_rad: float
 
 
+class Floor(Part):
+    """A rectangle of the floor along its axes, as lowest and highest place of the CoG."""
+
+    x_m: tuple[float, float]
+    y_m: tuple[float, float]
+
+
 class NextManoeuvre(Part):
     """What to drive next, and which rival explanations it tells apart."""
 
@@ -136,7 +143,9 @@ class NextManoeuvre(Part):
     why: str = ""
     score: Number = None  # expected difference of the rivals' log-likelihoods in one drive, nats
     repeats: int = 1  # drives until the rivals are told apart
-    start: Start | None = None
+    start: Start | None = None  # at rest, the wheel straight
+    seconds: Number = None
+    floor: Floor | None = None  # on which the fitted car stays in this drive: the one that the recordings drove
     separates: tuple[str, ...] = ()
     file: str | None = None  # of its commands, beside the document
 
@@ -237,6 +246,10 @@ class ChannelRemainder(Part):
     curve: LawCurve | None = None  # before any hypothesis; null where the channel does not stand out
 
 
+REFITTED = "newton-euler, refitted on this recording"
+"""What recordings are compared with where no simulation is given."""
+
+
 class DiagnosisDocument(Document):
     """The whole of diagnosis.json (`bcid.diagnosis/2`); of version 1, which is read still, `remainder` is empty."""
 
@@ -272,6 +285,11 @@ class DiagnosisDocument(Document):
     unexplained: Unexplained | None = None
     remainder: tuple[ChannelRemainder, ...] = ()
     error_budget: ErrorBudget | None = None  # of earlier diagnoses, and where no prediction stays finite, null
+
+    @property
+    def compared(self) -> str:
+        """What the recordings are compared with, in a word: a simulation that was given, or else a fitted model."""
+        return "model" if self.simulation in ("", REFITTED) else "simulation"
 
     @property
     def where(self) -> Where:

@@ -140,16 +140,21 @@ def find_discriminating_drive(
 def _explain_choice(truth: Hypothesis, rival: Hypothesis, drive: PlannedDrive, phi: Floats) -> str:
     """One sentence on why a drive discriminates between two hypotheses, for the user.
 
-    It says what the effects in only one of them depend on, and the drive's range in that, such as "yaw_scrub depends on
-    yaw_rate: this drive has yaw rate from -1.20 to 1.20 rad/s."  The drive is simulated with `truth` at its parameters
+    It says what the effects in only one of them depend on, and the drive's range in that, such as "yaw scrub depends on
+    yaw rate. The drive has yaw rate from -1.20 to 1.20 rad/s."  The drive is simulated with `truth` at its parameters
     `phi`.
     """
     ranges = _describe_ranges(drive, truth, phi)
     names = [n for n in (*truth.effects, *rival.effects) if (n in truth.effects) != (n in rival.effects)]
-    reasons = [f"{n} depends on {' and '.join(ENTRIES[n].depends_on)}" for n in names]
+    reasons = [f"{_words(n)} depends on {' and '.join(map(_words, ENTRIES[n].depends_on))}" for n in names]
     quantities = list(dict.fromkeys(q for n in names for q in ENTRIES[n].depends_on)) or ["v_x", "steering"]
     spans = [ranges[q] for q in quantities]
-    return f"{'; '.join(reasons) or 'they differ in the base parameters'}: this drive has {', '.join(spans)}."
+    return f"{'; '.join(reasons) or 'They differ in the base parameters'}. The drive has {', '.join(spans)}."
+
+
+def _words(name: str) -> str:
+    """An effect or a quantity in words."""
+    return name if name in ("v_x", "v_y") else name.replace("_", " ")
 
 
 def _describe_ranges(drive: PlannedDrive, hypothesis: Hypothesis, phi: Floats) -> dict[str, str]:

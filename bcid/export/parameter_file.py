@@ -7,6 +7,7 @@ CommonRoad: Vehicle Models, single-track model).  The gym has a C_S for each axl
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from bcid.effects.table import ENTRIES
@@ -14,7 +15,7 @@ from bcid.errors import UsageError
 from bcid.evaluation.validity import QUANTITIES
 from bcid.export.exported import Exported
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
-from bcid.models.newton_euler.parameters import constant_units
+from bcid.models.newton_euler.parameters import constant_units, stated_errors
 from bcid.physics.car import Car
 
 GRAVITY = 9.81
@@ -56,7 +57,7 @@ class Row(NamedTuple):
 
     name: str
     value: float | None
-    meaning: str
+    meaning: str  # or its unit, and how well it is known
 
 
 def write_parameter_file(e: Exported) -> str:
@@ -71,7 +72,11 @@ def write_parameter_file(e: Exported) -> str:
     if not isinstance(car, Car):
         raise UsageError(f"{e.model.name} has no constants of a car\n  next: export newton-euler, or a diagnosis")
     gym = gym_constants(car, e)
-    fitted = [Row(symbol, getattr(car, symbol), unit) for symbol, unit in constant_units(car).items()]
+    errors = stated_errors(car, getattr(e.model, "facts", {}))
+    fitted = [
+        Row(symbol, getattr(car, symbol), f"{unit}{_tell_error(symbol, errors)}")
+        for symbol, unit in constant_units(car).items()
+    ]
     blocks = [
         _HEAD.format(about=e.about, effects=_tell_effects(e)),
         "newton_euler:\n" + _lines([*fitted, *(Row(flag, getattr(car, flag), says) for flag, says in FLAGS.items())]),
@@ -86,14 +91,25 @@ def gym_constants(car: Car, e: Exported) -> list[Row]:
     wheelbase = car.l_f + car.l_r
     load_f, load_r = (car.m * GRAVITY * lever / wheelbase for lever in (car.l_r, car.l_f))
     mu = (car.F_f_max + car.F_r_max) / (car.m * GRAVITY)
+    errors = stated_errors(car, getattr(e.model, "facts", {}))
+    guessed = [symbol for symbol in ("F_f_max", "F_r_max") if symbol in errors and errors[symbol] is None]
+    doubt = f"; a guess, as {' and '.join(guessed)} is not identified: mu C_S alone counts" if guessed else ""
     return [
-        Row("mu", mu, "largest side forces of both axles over the weight; it only scales C_Sf and C_Sr"),
+        Row("mu", mu, f"largest side forces of both axles over the weight; it only scales C_Sf and C_Sr{doubt}"),
         Row("C_Sf", car.C_f / (mu * load_f), "1/rad"), Row("C_Sr", car.C_r / (mu * load_r), "1/rad"),
         Row("lf", car.l_f, "m"), Row("lr", car.l_r, "m"),
         Row("h", 0.0, "m, height of the centre of gravity: no load is transferred"),
         Row("m", car.m, "kg"), Row("I", car.I_z, "kg m^2"), *_steering_limits(car, e), *_speed_limits(car, e),
         Row("width", None, "m"), Row("length", None, "m"),
     ]  # fmt: skip
+
+
+def _tell_error(symbol: str, errors: Mapping[str, float | None]) -> str:
+    """How well a constant is known, by the standard `errors` of those that were fitted."""
+    if symbol not in errors:
+        return ""
+    error = errors[symbol]
+    return ", not identified by the recordings" if error is None else f", standard error {error:.2g}"
 
 
 def largest_acceleration(car: Car) -> float | None:

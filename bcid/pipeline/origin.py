@@ -17,13 +17,15 @@ def trace_origin(takes: TakeStages, recordings: Sequence[Path]) -> Origin:
     """Where a result that was made from these `recordings` comes from, for its card."""
     from bcid.documents.model_card import DataFile
     from bcid.pipeline.model_card import IngestedTake, Origin
+    from bcid.recording.cuts import split_cut
     from bcid.recording.recorded_on import recorded_on
 
     runner = takes.runner
     file = runner.config.vehicle
     vehicle_file = DataFile(name=file.name, sha256=file_sha256(file), format="toml")
     taken = [
-        IngestedTake(takes.ingest(p).folder, takes.title(p).removesuffix(p.name), recorded_on(p)) for p in recordings
+        IngestedTake(takes.ingest(p).folder, takes.title(p).removesuffix(p.name), recorded_on(split_cut(p)[0]))
+        for p in recordings
     ]
     return Origin(runner.vehicle.name, vehicle_file, taken, runner.config.command)
 

@@ -5,6 +5,6 @@ Pages: `page` (the comparison, from its `content`), `diagnosis_page` (a diagnosi
 `law_figures` (the missing law), `where_figures` and `before_after_figures` (from the `disturbance` left);
 `path_stretch` says which path is shown.  All are drawn on a `canvas`.  Words: `verdict_words` (the verdict),
 `everyday_words` (sizes of findings), `budget_words` (parts of the error), `so_what` (what it comes to, what to do
-next), `fleet_words` (what many logs say together), `real_answers` (questions to real recordings), `formats` (numbers
-and units).  `limits` decides what is shown.
+next), `drive_words` (what to drive next), `fleet_words` (what many logs say together), `real_answers` (questions to
+real recordings), `formats` (numbers and units).  `limits` decides what is shown.
 """

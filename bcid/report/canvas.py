@@ -95,6 +95,14 @@ def add_legend(ax: Any, columns: int = 3) -> None:
     )  # fmt: skip
 
 
+def add_legend_above(figure: Figure) -> None:
+    """A legend of all that a figure of one panel shows, above it, from its left edge on: as wide as the figure."""
+    figure.legend(
+        fontsize=TEXT_SIZE - 0.5, loc="outside upper left", ncols=3, frameon=False, labelcolor=INK, borderaxespad=0.2,
+        handlelength=2.2, columnspacing=1.4,
+    )  # fmt: skip
+
+
 def render_svg(figure: Figure, label: str) -> Markup:
     """A figure as an SVG element to stand in a page, called `label` for those who hear the page.
 

@@ -12,6 +12,7 @@ from bcid.report.before_after_figures import draw_before_after_pictures
 from bcid.report.budget_words import budget_rows
 from bcid.report.canvas import Columns
 from bcid.report.disturbance import located_windows
+from bcid.report.drive_words import describe_start
 from bcid.report.everyday_words import size_in_words
 from bcid.report.law_figures import draw_missing_laws
 from bcid.report.limits import LIMITS
@@ -49,6 +50,7 @@ def write_diagnosis_page(
         path, "diagnosis.html.j2", filters, so_what=so_what, budget=budget, card=card, span_names=formats.SPAN_NAMES,
         in_words=size_in_words, sentence=verdict_sentence(diagnosis),
         short=short_take_sentence(diagnosis), d=diagnosis, after=changes,
+        start=describe_start(diagnosis.next_manoeuvre) if diagnosis.next_manoeuvre else "",
         windows=located_windows(diagnosis), channels=CHANNELS, entries=ENTRIES, folded=LIMITS.folded_rows,
         channel_gains=[(c, n) for c, n in diagnosis.channels.items() if n > 0.0],
         with_error=formats.format_with_percent,

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from bcid.aliases import Floats
 from bcid.documents.diagnosis import ChannelRemainder, DiagnosisDocument, LawCurve
-from bcid.report.canvas import AFTER, BEFORE, INK, Picture, add_legend, create_panel, render_svg
+from bcid.report.canvas import AFTER, BEFORE, INK, Picture, add_legend_above, create_panel, render_svg
 from bcid.report.formats import VARIABLES, format_number, join_words, plain_name
 from bcid.report.limits import LIMITS
 
@@ -101,7 +101,7 @@ def _draw(channel: str, law: LawCurve, title: str) -> Markup:
     over = f"time within a period of {law.period_s:.3g} s" if law.period_s else over
     ax.set_ylabel(f"missing {what}\n({unit})".replace(" of the", "\nof the").replace(" along", "\nalong"))
     ax.set_xlabel(f"{over} ({over_unit})")
-    add_legend(ax)
+    add_legend_above(figure)
     return render_svg(figure, title)
 
 

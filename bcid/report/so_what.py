@@ -6,14 +6,15 @@ from math import exp, log
 from bcid.documents.diagnosis import DiagnosisDocument, NamedEffect
 from bcid.documents.error_budget import ErrorShare
 from bcid.report.budget_words import percent, percent_range
+from bcid.report.drive_words import describe_drive
 from bcid.report.everyday_words import size_in_words
 from bcid.report.formats import format_number, join_words, plain_name
 from bcid.report.limits import LIMITS
 from bcid.report.verdict_words import CHANNELS, stays_above_floor
 
 REMEDIES = {
-    "vehicle": "mend the car, or give it to the simulation",
-    "environment": "change the floor there, or give it to the simulation as it is",
+    "vehicle": "mend the car, or leave it as it is and predict with the model in model/",
+    "environment": "change the floor there, or leave it as it is and predict with the model in model/",
     "measurement": "correct the recording for it before anything is fitted, since the car itself is not like that",
 }
 """What to do about a finding, by its kind."""
@@ -107,7 +108,7 @@ def _unknown_sentence(d: DiagnosisDocument, in_error: bool) -> str:
     where = f" on the {channel}" if channel else ""
     where += f", with the {depends}" if depends else ""
     still = "still " if d.findings else ""
-    lead = "Something" if in_error else "Yet in the recorded poses, which show smaller differences, something"
+    lead = "Something" if in_error else "Too small to show in predictions, something"
     return (
         f"{lead} without a name {still}acts{where}: "
         "so ± are narrower than the truth, since they hold only where nothing is missing."
@@ -143,10 +144,7 @@ def _drive_sentences(d: DiagnosisDocument, unclear: Sequence[NamedEffect]) -> li
     """Which drive tells findings and their rivals apart; `unclear` are those that this recording does not."""
     drive = d.next_manoeuvre
     if drive and drive.file:
-        times = f"{drive.repeats} times" if drive.repeats > 1 else "once"
-        pair = f" It tells {join_words([plain_name(n) for n in drive.separates])} apart." if drive.separates else ""
-        urgent = "" if unclear else " to be surer, though the names do not hang on it"
-        return [f"Drive {drive.name} {times}{urgent}: its commands lie ready in {drive.file}.{pair}"]
+        return [describe_drive(drive, urgent=bool(unclear))]
     names = join_words([plain_name(n) for f in unclear for n in (f.effect, *f.twins)], "from")
     return [f"Drive what tells {names}, and diagnose both takes together."] if unclear else []
 

@@ -53,7 +53,7 @@ def draw_where_pictures(diagnosis: DiagnosisDocument, knots: Columns) -> list[Pi
     time = Picture("Over time", f"{what}: median and middle two thirds.{shaded}", drawn)
     variables = Picture(
         f"Over {' and '.join(VARIABLES[n][0] for n in names)}",
-        f"{what}: knots of 0.25 s{there}, and medians of bins ± 2 standard errors. Knots beyond the frame are cut."
+        f"{what}: means of 0.25 s{there}, and medians of bins ± 2 standard errors. Those beyond the frame are cut."
         f"{f' For comparison: {more}.' if more else ''}",
         tuple(_draw_over_variables(part, residual.select_rows(inside), names)),
     )

@@ -16,7 +16,7 @@ from bcid.vehicle import Vehicle
 
 GRAVITY = 9.81  # m/s^2
 
-BIASED_TWISTS = "± without the bias of smoothed velocities: for constants use --loss poses"
+BIASED_TWISTS = "± leave out that smoothed velocities bias the constants: for these use --loss poses"
 """What must be known of the errors of constants that were fitted to smoothed velocities, by one of twists' losses."""
 TOP_SPEED_QUANTILE = 0.999  # of the speeds driven
 # Constants at which a force is cut off: predictions of a take that never reaches one do not depend on it.
@@ -164,6 +164,24 @@ def is_identified(symbol: str, facts: Mapping[str, Any]) -> bool:
     """
     error = facts["fitted"][symbol]["relative_se"]
     return error is not None and error <= LIMITS.max_relative_se and symbol not in facts.get("at_bound", ())
+
+
+def stated_errors(car: Car, facts: Mapping[str, Any]) -> dict[str, float | None]:
+    """Standard errors of the fitted constants by symbol, in their units, by the `facts` of a fit or of a diagnosis.
+
+    None where the recordings do not identify a constant; for drag, which may be zero, any error counts.
+    """
+    values = values_of_constants(car, facts)
+    errors = {
+        symbol: about["relative_se"] * abs(values[symbol]) if is_identified(symbol, facts) else None
+        for symbol, about in facts.get("fitted", {}).items()
+    }
+    for symbol, error in facts.get("se", {}).items():
+        if symbol in values:
+            usable = error is not None and np.isfinite(error) and error > 0.0
+            known = usable and (symbol in ("R_1", "R_2") or error <= LIMITS.max_relative_se * abs(values[symbol]))
+            errors[symbol] = error if known else None
+    return errors
 
 
 def constant_lines(car: Car, facts: Mapping[str, Any]) -> list[str]:

@@ -13,7 +13,7 @@ from bcid.diagnosis.judge.free_functions import add_free_functions, scale_functi
 from bcid.diagnosis.judge.prediction_error import compare_predictions
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.diagnosis.summary import KNOT_UNITS, TRACK_UNITS, knot_columns, summarise_diagnosis, track_columns
-from bcid.documents.diagnosis import NextManoeuvre, Start
+from bcid.documents.diagnosis import REFITTED, Floor, NextManoeuvre, Start
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.saving import load_estimate
 from bcid.estimate.tuning import Tuning
@@ -122,7 +122,7 @@ def _describe_reference(simulation: str | None, simulated: Sequence[tuple[Path, 
     if simulated:
         names = ", ".join(load_recording(r).name for r, _ in simulated)
         return f"the simulator of {names}, identified first"
-    return "newton-euler, refitted on this recording" if simulation is None else simulation
+    return REFITTED if simulation is None else simulation
 
 
 def _write_next_manoeuvre(folder: Path, diagnosis: Diagnosis) -> NextManoeuvre | None:
@@ -147,8 +147,10 @@ def _write_next_manoeuvre(folder: Path, diagnosis: Diagnosis) -> NextManoeuvre |
     name = "next_manoeuvre.commands.csv"
     write_commands(folder / name, chosen.command_s, chosen.command)
     x_m, y_m, yaw_rad = (float(v) for v in chosen.start)
+    edges = ((float(a), float(b)) for a, b in zip(low, high, strict=True))
     return NextManoeuvre(
         name=chosen.name, purpose=chosen.purpose, why=chosen.why, score=chosen.score, repeats=chosen.repeats,
-        start=Start(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad), file=name,
+        start=Start(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad), seconds=chosen.seconds,
+        floor=Floor(x_m=next(edges), y_m=next(edges)), file=name,
         separates=tuple(sorted(set(best.hypothesis.effects) ^ set(others[0].hypothesis.effects))),
     )  # fmt: skip

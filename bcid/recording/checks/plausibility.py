@@ -101,7 +101,10 @@ def _check_steering(u_s: Floats, limit: float, source: str) -> list[Irregularity
     asked = max(LIMITS.max_steering_factor * limit, LIMITS.min_degrees)
     if high > min(asked, LIMITS.max_asked_steering_rad):
         cause = f"reaches {high:.3g} where the car's limit is {limit:.3g} rad: degrees?"
-        step = "log the command in rad (a table or MCAP field can be mapped with gain = 0.017453)"
+        step = (
+            "log the command in rad (a table or MCAP field can be mapped with gain = 0.017453), "
+            "or put max_angle_rad in [steering] of the vehicle file right"
+        )
         raise InputRefused(source, "steering_rad", cause, step)
     beyond = np.abs(u_s) > limit * (1.0 + LIMITS.max_rounding)
     if not beyond.any():
