@@ -35,6 +35,8 @@ app = typer.Typer(
     no_args_is_help=True,
     epilog="bcid COMMAND --help ends with examples.  Tab completion: bcid --install-completion, then a new shell.",
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # plain text: what draws boxes takes longer to import than all the rest
+    context_settings={"max_content_width": 140},
 )
 
 
@@ -152,15 +154,31 @@ def estimate(
     work.raise_if_parts_lost()
 
 
-# in the order in which a newcomer needs them
-COMMANDS: dict[str, Callable[..., None]] = {
-    "init": init, "ingest": ingest, "estimate": estimate, "fit": fit, "report": report, "run": run,
-    "diagnose": diagnosing.diagnose, "compare": compare, "pool": pool, "fleet": fleet, "plan": diagnosing.write_plan,
-    "simulate": simulate, "predict": predict, "adapt": adapt, "export": export, "view": view,
-    "models": listing.list_models, "effects": listing.list_effects, "bench": bench, "prove": prove,
-}  # fmt: skip
-for name, command in COMMANDS.items():
-    app.command(name, epilog=examples_text(name))(command)
+# in the order in which a newcomer needs them, each with its line in the list
+COMMANDS: dict[str, tuple[Callable[..., None], str]] = {
+    "init": (init, "Write a commented vehicle file and pipeline file."),
+    "ingest": (ingest, "Read recordings, check and mend them."),
+    "estimate": (estimate, "Estimate velocities and slip angles from poses."),
+    "fit": (fit, "Fit models to the training recordings."),
+    "report": (report, "Compare the fitted models in closed loop."),
+    "run": (run, "Do everything in the pipeline file."),
+    "diagnose": (diagnosing.diagnose, "Name the physics that the model lacks."),
+    "compare": (compare, "Say whether two runs show the same car."),
+    "pool": (pool, "Fit one car to many recordings."),
+    "fleet": (fleet, "Do everything with each of many logs."),
+    "plan": (diagnosing.write_plan, "Plan a drive that shows given effects."),
+    "simulate": (simulate, "Drive the simulated car, or a saved model."),
+    "predict": (predict, "Predict pose and twist with a saved model."),
+    "adapt": (adapt, "Follow mass, grip or other constants over a drive."),
+    "export": (export, "Write a saved model as code."),
+    "view": (view, "Write a take or a diagnosis for Foxglove."),
+    "models": (listing.list_models, "List the models."),
+    "effects": (listing.list_effects, "List the effects that a diagnosis can name."),
+    "bench": (bench, "Measure speed and accuracy beside other libraries."),
+    "prove": (prove, "Conceal effects, and count how many are found."),
+}
+for name, (command, line) in COMMANDS.items():
+    app.command(name, epilog=examples_text(name), short_help=line)(command)
 
 
 def main() -> None:
