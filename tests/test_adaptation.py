@@ -16,11 +16,13 @@ from exported_models import CAR
 
 from bcid.adaptation.c_source import write_adapt_header, write_adapt_source
 from bcid.adaptation.filter import (
+    SETTLING_S,
     CompiledFilter,
     FilterNoise,
     Knowledge,
     assume_noise,
     compile_filter,
+    settling_periods,
     start_filter,
 )
 from bcid.adaptation.filter_run import OUTLIER, keep_within, run_filter
@@ -37,7 +39,13 @@ GCC = shutil.which("gcc")
 PERIOD_S = 0.05
 START_TWIST = np.array([0.5, 0.0, 0.0])
 NOISE = FilterNoise(
-    np.array([0.02, 0.02, 0.03]), np.array([1e-3, 1e-3, 2e-3]), np.array([0.3, 0.3, 0.5]), 0.1, forget_s=30.0
+    np.array([0.02, 0.02, 0.03]),
+    np.array([1e-3, 1e-3, 2e-3]),
+    np.array([0.3, 0.3, 0.5]),
+    0.1,
+    np.array([1.0, 1.0, 1.5]),
+    0.6,
+    forget_s=30.0,
 )
 PLAIN = AugmentedNewtonEuler(CAR, {}, Constants(), 2.0, 100.0, PERIOD_S, {})
 
@@ -73,17 +81,17 @@ def draw_commands(seconds: float, seed: int = 0) -> Floats:
     return np.repeat(drawn, round(1.0 / PERIOD_S), axis=0)
 
 
-def drive(models: list[AugmentedNewtonEuler], commands: Floats, seed: int = 0) -> Floats:
-    """Noisy poses of a car that is each of `models` for an equal part of the time, and is pushed as NOISE says."""
+def drive(models: list[AugmentedNewtonEuler], commands: Floats, seed: int = 0, noise: FilterNoise = NOISE) -> Floats:
+    """Noisy poses of a car that is each of `models` for an equal part of the time, and is pushed as `noise` says."""
     rng = np.random.default_rng(seed)
     carry = models[0].init(history_of_start(models[0], np.zeros(3), START_TWIST, 0.0))
     poses = []
     for part, model in zip(np.array_split(commands, len(models)), models, strict=True):
         for command in part:
             carry, _ = model.step(carry, command)
-            carry[model.motion] += rng.normal(size=3) * NOISE.q * math.sqrt(PERIOD_S)
+            carry[model.motion] += rng.normal(size=3) * noise.q * math.sqrt(PERIOD_S)
             poses.append(carry[:3].copy())
-    noisy: Floats = np.array(poses) + rng.normal(size=(len(poses), 3)) * NOISE.pose_sd
+    noisy: Floats = np.array(poses) + rng.normal(size=(len(poses), 3)) * noise.pose_sd
     return noisy
 
 
@@ -192,6 +200,54 @@ def test_one_wrong_pose_does_not_throw_the_filter_off(adaptive: Adaptive) -> Non
     assert abs(wrong.z[-1, column] - clean.z[-1, column]) < 0.05
 
 
+def test_a_start_of_which_only_the_pose_is_known_teaches_nothing_wrong() -> None:
+    """The car goes on at 1 to 2 m/s, its wheel turned, while nobody says so."""
+    noise = FilterNoise(
+        np.array([5e-3, 5e-3, 1e-2]), np.array([5e-4, 5e-4, 1e-3]), np.full(3, 0.16), 0.1, np.full(3, 0.8), 0.5, 120.0
+    )
+    certain = make_adaptive("mass", noise=noise)
+    column, n = certain.column("mass"), len(certain.formulas.states)
+    off = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        drawn = np.column_stack([rng.uniform(-0.8, 0.8, 50), rng.uniform(0.8, 2.5, 50)])
+        commands = np.repeat(drawn, round(2.0 / PERIOD_S), axis=0)
+        poses = drive([certain.model], commands, seed, noise)
+        z, P = start_filter(certain.formulas, noise, np.zeros(3), START_TWIST, 0.0)
+        run_filter(certain.filter, z, P, commands[:1200], poses[:1200])
+        known = Knowledge(z[n:].copy(), P[n:, n:].copy(), 3.0)
+        z, P = start_filter(certain.formulas, noise, poses[1260], None, None, known)
+        run = run_filter(certain.filter, z, P, commands[1261:], poses[1261:], settling_periods(certain.formulas))
+        off.append(np.abs((run.z[:, column] - 1.0) / np.sqrt(run.variance[:, column])).max())
+    # told that the car stands, two of these twelve are off by ten standard deviations and more
+    assert max(off) < 4.0
+
+
+def test_what_is_learnt_waits_for_the_twist_alone(adaptive: Adaptive) -> None:
+    commands = draw_commands(30.0)
+    poses, column = drive([adaptive.model], commands), adaptive.column("mass")
+    z, P = start_filter(adaptive.formulas, NOISE, np.zeros(3), None, None)
+    run = run_filter(adaptive.filter, z, P, commands, poses, settling_periods(adaptive.formulas))
+    assert np.flatnonzero(run.z[:, column] != 1.0)[0] == round(SETTLING_S / PERIOD_S)
+    assert run.variance[-1, column] < 0.5 * adaptive.quantities[0].sd ** 2
+
+
+@pytest.mark.parametrize("jump", [(1.0, 0.0, 0.3), (0.0, 0.0, math.pi), (-4.0, 9.0, -0.2)])
+def test_an_origin_that_moves_is_followed(jump: tuple[float, ...], adaptive: Adaptive) -> None:
+    commands = draw_commands(100.0)
+    poses, column = drive([adaptive.model], commands), adaptive.column("mass")
+    # turned about the old origin, and shifted
+    x, y, turn = poses[1000:, 0].copy(), poses[1000:, 1].copy(), jump[2]
+    poses[1000:, 0] = math.cos(turn) * x - math.sin(turn) * y + jump[0]
+    poses[1000:, 1] = math.sin(turn) * x + math.cos(turn) * y + jump[1]
+    poses[1000:, 2] += turn
+    run = adaptive.run(commands, poses)
+    there = np.abs(run.innovation[1000 + round(1.0 / PERIOD_S) :, :2])
+    assert np.median(there) < 3e-3
+    wrong = np.abs((run.z[1000:, column] - 1.0) / np.sqrt(run.variance[1000:, column]))
+    assert wrong.max() < 4.0
+
+
 def test_quantities_stay_within_their_bounds() -> None:
     light = make_adaptive("mass")
     model = with_quantities(light.model, [(light.quantities[0], 0.1)])
@@ -248,7 +304,7 @@ def test_the_filter_in_c_is_the_same(adaptive: Adaptive, tmp_path: Path) -> None
     # five seconds in which the car comes to a stand
     commands[100:200] = 0.0
     poses = drive([adaptive.model], commands)
-    poses[300:320], poses[500, 1] = np.nan, 9.0
+    poses[300:320], poses[500, 1], poses[650:, 0] = np.nan, 9.0, poses[650:, 0] + 2.0
     run = adaptive.run(commands, poses)
     c = load_c(tmp_path / "car.so")
     memory = (ctypes.c_double * (len(run.z[0]) + len(run.z[0]) ** 2))()
@@ -263,6 +319,13 @@ def test_the_filter_in_c_is_the_same(adaptive: Adaptive, tmp_path: Path) -> None
     kept = P.copy()
     again = run_filter(adaptive.filter, z, P, commands[rows], poses[rows])
     c.car_adapt_restart(memory, numbers(pose), numbers(twist), 0.2, gap_s)
+    assert np.abs(np.array(memory[len(z) :]).reshape(kept.shape) - kept).max() < 1e-12
+    assert np.abs(step_in_c(c, memory, commands[rows], poses[rows]) - again.z).max() < 1e-9
+    # one of which only the pose is known
+    z, P = start_filter(adaptive.formulas, NOISE, pose, None, None, Knowledge(z[n:], P[n:, n:], gap_s))
+    kept = P.copy()
+    again = run_filter(adaptive.filter, z, P, commands[rows], poses[rows], settling_periods(adaptive.formulas))
+    c.car_adapt_restart(memory, numbers(pose), None, math.nan, gap_s)
     assert np.abs(np.array(memory[len(z) :]).reshape(kept.shape) - kept).max() < 1e-12
     assert np.abs(step_in_c(c, memory, commands[rows], poses[rows]) - again.z).max() < 1e-9
 

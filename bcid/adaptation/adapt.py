@@ -208,6 +208,7 @@ def tune_noise(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredDri
     twist = np.concatenate([drive.estimate.twist[rows] for rows in drive.stretches()])
     v_x, v_y, yaw_rate = np.sqrt((twist**2).mean(axis=0)).tolist()
     spread = np.array([max(v_x, v_y), max(v_x, v_y), yaw_rate])
+    turned = max(float(np.sqrt((drive.estimate.kinematic[:, 3] ** 2).mean())), STEERING_SD_RAD)
     tuning = drive.estimate.tuning
     pose_sd = np.array([*2 * [tuning.noise.r_position], tuning.noise.r_yaw] if tuning else DEFAULT_POSE_SD)
     bounds = np.log(PUSH_RANGE)
@@ -215,7 +216,7 @@ def tune_noise(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredDri
     def assume(log_share: Floats) -> FilterNoise:
         velocity, turning = np.exp(np.clip(log_share, *bounds)).tolist()
         q = spread * np.array([velocity, velocity, turning])
-        return FilterNoise(q, pose_sd, TWIST_SD_SHARE * spread, STEERING_SD_RAD, forget_s)
+        return FilterNoise(q, pose_sd, TWIST_SD_SHARE * spread, STEERING_SD_RAD, spread, turned, forget_s)
 
     def minus_log_likelihood(log_share: Floats) -> float:
         noise = assume(log_share)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bcid.adaptation.filter import CompiledFilter, FilterNoise, first_variances
-from bcid.adaptation.filter_run import BOUND_ROUNDS, OUTLIER
+import numpy as np
+
+from bcid.adaptation.filter import CompiledFilter, FilterNoise, first_variances, settling_periods
+from bcid.adaptation.filter_run import BOUND_ROUNDS, JUMP_POSES, OUTLIER
 from bcid.adaptation.formulas import AdaptiveFormulas
 from bcid.aliases import Floats, Ints
 from bcid.export.c_source import HELPERS, C, describe_all, element_texts, places_in, write_function
@@ -35,14 +37,17 @@ extern "C" {{
 typedef struct {{
     double z[{N}];
     double P[{N}][{N}];
+    int settling; /* periods in which nothing more is learnt of the quantities */
 }} {name}_adapt_filter;
 
-/* Begin at a pose, a twist [v_x, v_y (m/s), yaw rate (rad/s)] and a steering angle (rad); the past is not known. */
-void {name}_adapt_init({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta);
+/* Begin at a pose, a twist [v_x, v_y (m/s), yaw rate (rad/s)] and a steering angle (rad); the past is not known.  The
+ * twist is NULL, and the angle not a number, where nobody knows them: then poses show them, and for a second nothing
+ * else is learnt. */
+void {name}_adapt_init({name}_adapt_filter *f, const double pose[3], const double *twist, double delta);
 
 /* Begin anew after a gap of so many seconds (0 or more) since the last step: the state is lost, and what is known of
  * the quantities stays, less what is forgotten in that time. */
-void {name}_adapt_restart({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta,
+void {name}_adapt_restart({name}_adapt_filter *f, const double pose[3], const double *twist, double delta,
     double gap_s);
 
 /* One period under a command, and the pose measured at its end; NULL, or not a number, where none was. */
@@ -70,7 +75,7 @@ static void forget({name}_adapt_filter *f, double share)
     for (i = NX; i < N; ++i) f->P[i][i] += share * variances[i];
 }}
 
-void {name}_adapt_init({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta)
+void {name}_adapt_init({name}_adapt_filter *f, const double pose[3], const double *twist, double delta)
 {{
     int i;
     for (i = 0; i < K; ++i) f->z[NX + i] = quantities[i];
@@ -79,16 +84,21 @@ void {name}_adapt_init({name}_adapt_filter *f, const double pose[3], const doubl
     {name}_adapt_restart(f, pose, twist, delta, 0.0);
 }}
 
-void {name}_adapt_restart({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta,
+void {name}_adapt_restart({name}_adapt_filter *f, const double pose[3], const double *twist, double delta,
     double gap_s)
 {{
+    static const double still[3] = {{0.0, 0.0, 0.0}};
+    const int wheel_known = delta == delta;
     int i, j;
     forget(f, -expm1(-gap_s / FORGET_S));
-    first_states(pose, twist, delta, f->z + NX, f->z);
+    first_states(pose, twist != NULL ? twist : still, wheel_known ? delta : 0.0, f->z + NX, f->z);
     for (i = 0; i < NX; ++i) {{
         for (j = 0; j < N; ++j) f->P[i][j] = f->P[j][i] = 0.0;
         f->P[i][i] = variances[i];
+        if (twist == NULL && twist_unknown[i] > 0.0) f->P[i][i] = twist_unknown[i];
+        if (!wheel_known && wheel_unknown[i] > 0.0) f->P[i][i] = wheel_unknown[i];
     }}
+    f->settling = twist == NULL || !wheel_known ? SETTLING : 0;
 }}
 
 /* P = F P F' + Q, below F the rows of the unit matrix. */
@@ -136,14 +146,15 @@ static int moves(const double z[N])
     return z[V_X] * z[V_X] + z[V_Y] * z[V_Y] + turning * turning > LEAST_MPS * LEAST_MPS;
 }}
 
-/* A measured pose enters, one number after the other; a wrong one moves the state by a bounded amount. */
+/* A measured pose enters, one number after the other; a wrong one moves the state by a bounded amount, and makes the
+ * place less certain, so that some that agree are right. */
 static void update({name}_adapt_filter *f, const double pose[3])
 {{
     double h[3], H[3][N], PH[N];
-    const int learns = moves(f->z);
+    const int learns = f->settling == 0 && moves(f->z);
     int c, i, j;
     for (c = 0; c < 3; ++c) {{
-        double e, s = pose_variances[c];
+        double e, at_most, doubt, s = pose_variances[c];
         seen_pose(f->z, h, H);
         e = pose[c] - h[c];
         if (c == 2) e -= 2.0 * PI * floor((e + PI) / (2.0 * PI));
@@ -152,13 +163,16 @@ static void update({name}_adapt_filter *f, const double pose[3])
             for (j = 0; j < N; ++j) PH[i] += f->P[i][j] * H[c][j];
         }}
         for (i = 0; i < N; ++i) s += H[c][i] * PH[i];
-        s = fmax(s, e * e / (OUTLIER * OUTLIER));
+        at_most = e * e / (OUTLIER * OUTLIER);
+        doubt = at_most > s ? at_most / JUMP_POSES : 0.0;
+        s = fmax(s, at_most);
         for (i = 0; i < N; ++i) {{
             if (i < NX || learns) f->z[i] += PH[i] * e / s;
             for (j = 0; j < N; ++j) {{
                 if (i < NX || j < NX || learns) f->P[i][j] -= PH[i] * PH[j] / s;
             }}
         }}
+        f->P[places[c]][places[c]] += doubt;
     }}
     keep_within(f);
 }}
@@ -172,6 +186,7 @@ void {name}_adapt_step({name}_adapt_filter *f, const double u[2], const double *
     predict_covariance(f->P, F);
     for (i = 0; i < NX; ++i) f->z[i] = x[i];
     if (pose != NULL && pose[0] == pose[0] && pose[1] == pose[1] && pose[2] == pose[2]) update(f, pose);
+    if (f->settling > 0) --f->settling;
 }}
 """
 
@@ -207,10 +222,15 @@ def write_adapt_source(name: str, about: str, formulas: AdaptiveFormulas, f: Com
         f"#define FORGET_S {noise.forget_s!r}\n#define FORGOTTEN {f.forgotten!r}\n"
         + "".join(f"#define {name} {place}\n" for name, place in zip(("V_X", "V_Y", "YAW_RATE"), f.twist, strict=True))
         + f"#define WHEELBASE_M {f.wheelbase_m!r}\n#define LEAST_MPS {f.least_mps!r}\n"
-        f"#define OUTLIER {OUTLIER!r}\n#define BOUND_ROUNDS {BOUND_ROUNDS}\n#define PI 3.141592653589793\n",
+        f"#define OUTLIER {OUTLIER!r}\n#define JUMP_POSES {float(JUMP_POSES)!r}\n"
+        f"#define SETTLING {settling_periods(formulas)}\n"
+        f"#define BOUND_ROUNDS {BOUND_ROUNDS}\n#define PI 3.141592653589793\n",
         "".join(f"static const double {key} = {C.number(value)};\n" for key, value in parameters.items()),
         _table("quantities", [q.start for q in formulas.quantities]),
         _table("variances", first_variances(formulas, noise)),
+        _table("twist_unknown", _only_changed(formulas, noise, twist_known=False)),
+        _table("wheel_unknown", _only_changed(formulas, noise, wheel_known=False)),
+        f"static const int places[] = {{{', '.join(map(str, f.place.tolist()))}}};\n",
         _table("pushes", f.Q), _table("pose_variances", f.r2), _table("lowest", f.low), _table("largest_of", f.high),
         "".join(f"{text}\n" for operation, text in HELPERS.items() if operation in used),
         _write_part("advance(const double z[N], const double u[2], double x[NX], double F[NX][N])", step,
@@ -225,6 +245,12 @@ def write_adapt_source(name: str, about: str, formulas: AdaptiveFormulas, f: Com
         _LOOPS.format(name=name),
     ]  # fmt: skip
     return "\n".join(block for block in blocks if block)
+
+
+def _only_changed(formulas: AdaptiveFormulas, noise: FilterNoise, **known: bool) -> Floats:
+    """The first variances (N,) of what is not `known`, zero elsewhere."""
+    there = first_variances(formulas, noise, **known)
+    return np.where(there != first_variances(formulas, noise), there, 0.0)
 
 
 def _varying(slopes: Sequence[Sequence[Node]]) -> list[Node]:

@@ -13,15 +13,19 @@ so that the variance of one that a drive does not show returns to P_0 and never 
 poses, after which the state x begins anew, they forget by the same rule, with the gap's length in place of T.
 
 At a pose y the three numbers enter one after the other: e = y - h(z), s = H P H' + r^2, K = P H'/s, z + K e,
-P - K s K'.  An innovation of more than `OUTLIER` standard deviations counts as one of so many: s is then
-e^2 / OUTLIER^2, and a wrong pose moves the state by a bounded amount.  A quantity that leaves its bounds is set to the
-bound, and all others go with it by their covariance (Simon 2010, Kalman filtering with state constraints, IET Control
-Theory & Applications 4, section 2.4).  `filter_run` computes all this.
+P - s K K'.  An innovation of more than `OUTLIER` standard deviations counts as one of so many: s is then
+e^2 / OUTLIER^2, and a wrong pose moves the state by a bounded amount.  Where the car is becomes as uncertain as if one
+in `JUMP_POSES` such poses were right: a single one changes nothing, as the next pose says where the car is; after some
+that agree, as where the origin of the tracking system was moved, the car is where they say.  A quantity that leaves its
+bounds is set to the bound, and all others go with it by their covariance (Simon 2010, Kalman filtering with state
+constraints, IET Control Theory & Applications 4, section 2.4).  `filter_run` computes all this.
 
 While the car stands, with v_x^2 + v_y^2 + (L yaw rate)^2 below the square of `least_mps`, L the wheelbase, a pose moves
 the state x alone: K is 0 for the quantities, and P_qq stays (Schmidt 1966, Application of state-space methods to
 navigation problems, Advances in Control Systems 3).  A car that stands is not pushed as one that drives, so that it
-would seem to lose speed faster than the model says, and thus to be lighter.
+would seem to lose speed faster than the model says, and thus to be lighter.  So it is for `SETTLING_S` after a start at
+which nobody knew twist or steering angle: formulas bend too much for P to hold there, and what the start gets wrong
+would be learnt.
 """
 
 from __future__ import annotations
@@ -39,14 +43,24 @@ from bcid.export.graph import Node
 from bcid.export.tape import Tape, record_tape, run_tape
 from bcid.recording.limits import HEALTH
 
+PLACE = ("p_x", "p_y", "theta")
+STEERING = ("delta", "delta_lagged", "delta_behind")
+"""States of the steering: a car has some of them."""
+
+SETTLING_S = 1.0
+"""Time (s) in which poses show twist and steering angle, and a wheel comes to where it is commanded: tenths of a second
+are enough for both."""
+
 
 class FilterNoise(NamedTuple):
     """What the filter assumes: pushes on the twist, the poses' noise, what is known at first, and how it forgets."""
 
     q: Floats  # (3,) on v_x, v_y (m/s/sqrt(s)) and yaw rate (rad/s/sqrt(s))
     pose_sd: Floats  # (3,) m, m, rad
-    twist_sd: Floats  # (3,) of the first twist, m/s, m/s, rad/s
-    steering_sd: float  # of the first steering angle, rad
+    twist_sd: Floats  # (3,) of the first twist, where it was measured: m/s, m/s, rad/s
+    steering_sd: float  # of the first steering angle, where it was, rad
+    unknown_twist_sd: Floats  # (3,) of a first twist of which nothing is known
+    unknown_steering_sd: float
     forget_s: float  # tau
 
 
@@ -71,6 +85,7 @@ class CompiledFilter(NamedTuple):
     r2: Floats  # (3,) variances of a pose
     P_0: Floats  # (k,) variances of the quantities at first
     forgotten: float  # a
+    place: Ints  # (3,) places of p_x, p_y and theta in z
     twist: Ints  # (3,) places of v_x, v_y and the yaw rate in z
     wheelbase_m: float
     least_mps: float  # speed of a car that moves
@@ -85,10 +100,11 @@ def compile_filter(formulas: AdaptiveFormulas) -> CompiledFilter:
     pose, H, H_places = _record(formulas.pose, formulas.pose_slopes, inputs)
     bounds = np.array([[q.low, q.high] for q in formulas.quantities])
     P_0 = np.array([q.sd**2 for q in formulas.quantities])
-    twist, wheelbase_m = np.array([_names(formulas).index(name) for name in PUSHED]), formulas.wheelbase_m
+    place, twist = (np.array([_names(formulas).index(name) for name in names]) for names in (PLACE, PUSHED))
     return CompiledFilter(
-        step, pose, F, H, F_places, H_places, np.zeros(F.shape[1]), np.zeros(3), P_0, 0.0, twist, wheelbase_m,
-        HEALTH.min_moving_speed * wheelbase_m, *bounds.T.copy(),
+        step, pose, F, H, F_places, H_places, np.zeros(F.shape[1]), np.zeros(3), P_0, 0.0,
+        place, twist, formulas.wheelbase_m,
+        HEALTH.min_moving_speed * formulas.wheelbase_m, *bounds.T.copy(),
     )  # fmt: skip
 
 
@@ -98,6 +114,11 @@ def assume_noise(f: CompiledFilter, formulas: AdaptiveFormulas, noise: FilterNoi
     pushes = dict(zip(PUSHED, T * noise.q**2, strict=True))
     Q = np.array([pushes.get(name, 0.0) for name in _names(formulas)])
     return f._replace(Q=Q, r2=noise.pose_sd**2, forgotten=share_forgotten(T, noise))
+
+
+def settling_periods(formulas: AdaptiveFormulas) -> int:
+    """The periods in which nothing is learnt of the quantities after a start at which twist or angle is unknown."""
+    return round(SETTLING_S / formulas.period_s)
 
 
 def share_forgotten(seconds: float, noise: FilterNoise) -> float:
@@ -111,20 +132,22 @@ def _names(formulas: AdaptiveFormulas) -> list[str]:
 
 
 def start_filter(
-    formulas: AdaptiveFormulas, noise: FilterNoise, pose: Floats, twist: Floats, delta: float,
+    formulas: AdaptiveFormulas, noise: FilterNoise, pose: Floats, twist: Floats | None, delta: float | None,
     known: Knowledge | None = None,
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """State z (N,) and covariance P (N, N) at a pose (3,), a twist (3,) and a steering angle `delta` (rad).
 
-    Of the past nothing is known: the car coasts, its wheel held.  Where something is `known` of the quantities from
-    before a gap, they go on from there, less what is forgotten over the gap.
+    Twist and angle are None where nobody knows them: then they are zero, and as uncertain as they can be.  Of the past
+    nothing is known: the car coasts, its wheel held.  Where something is `known` of the quantities from before a gap,
+    they go on from there, less what is forgotten over the gap.
     """
     names = [s.name for s in formulas.states]
     inputs = [*(s.name for s in START), *(q.name for q in formulas.quantities)]
     tape, x = record_tape(formulas.first_states, inputs), np.empty(len(names))
     values = np.array([q.start for q in formulas.quantities]) if known is None else known.values
-    run_tape(tape, np.array([*pose, *twist, delta, *values]), tape.start.copy(), x)
-    P = np.diag(first_variances(formulas, noise))
+    start = [*pose, *(np.zeros(3) if twist is None else twist), 0.0 if delta is None else delta]
+    run_tape(tape, np.array([*start, *values]), tape.start.copy(), x)
+    P = np.diag(first_variances(formulas, noise, twist is not None, delta is not None))
     if known is not None:
         P_0 = np.diag(P)[len(x) :].copy()
         P[len(x) :, len(x) :] = known.covariance
@@ -132,10 +155,13 @@ def start_filter(
     return np.r_[x, values], P
 
 
-def first_variances(formulas: AdaptiveFormulas, noise: FilterNoise) -> Floats:
+def first_variances(
+    formulas: AdaptiveFormulas, noise: FilterNoise, twist_known: bool = True, wheel_known: bool = True
+) -> Floats:
     """The variances (N,) of the numbers of z at first; states of which nothing is said are known."""
-    body, steering = ("p_x", "p_y", "theta", *PUSHED), ("delta", "delta_lagged", "delta_behind")
-    sd = dict(zip(body, (*noise.pose_sd, *noise.twist_sd), strict=True)) | dict.fromkeys(steering, noise.steering_sd)
+    twist_sd = noise.twist_sd if twist_known else noise.unknown_twist_sd
+    steering_sd = noise.steering_sd if wheel_known else noise.unknown_steering_sd
+    sd = dict(zip((*PLACE, *PUSHED), (*noise.pose_sd, *twist_sd), strict=True)) | dict.fromkeys(STEERING, steering_sd)
     return np.array([sd.get(s.name, 0.0) ** 2 for s in formulas.states] + [q.sd**2 for q in formulas.quantities])
 
 

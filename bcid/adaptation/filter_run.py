@@ -15,6 +15,9 @@ from bcid.physics.kinematics import wrap_angle
 
 OUTLIER = 4.0
 """Standard deviations from which on an innovation is taken for a wrong pose: one in 16,000 by chance."""
+JUMP_POSES = 5
+"""Poses in a row, each taken for wrong, after which they are right and the car is elsewhere: a quarter of a second at
+20 poses a second, in which a car that is driven may be lost, and in which an occluded marker is rarely swapped."""
 BOUND_ROUNDS = 3
 """Times that quantities beyond their bounds are set back together: each may take others along."""
 
@@ -29,11 +32,13 @@ class FilterRun(NamedTuple):
 
 
 @njit
-def run_filter(f: CompiledFilter, z: Floats, P: Floats, commands: Floats, poses: Floats) -> FilterRun:
+def run_filter(
+    f: CompiledFilter, z: Floats, P: Floats, commands: Floats, poses: Floats, settling: int = 0
+) -> FilterRun:
     """Run the filter over M periods: `commands` (M, 2), each held for a period, and `poses` (M, 3) at the end of each.
 
     `z` (N,) and `P` (N, N) are state and covariance before the first, and after the last on return.  A pose that is NaN
-    is passed over.
+    is passed over.  In the first `settling` periods nothing is learnt of the quantities.
     """
     M, N, n = len(commands), len(z), len(f.F)
     states, variances, innovations = np.empty((M, N)), np.empty((M, N)), np.full((M, 3), np.nan)
@@ -50,7 +55,7 @@ def run_filter(f: CompiledFilter, z: Floats, P: Floats, commands: Floats, poses:
         predict_covariance(F, P, FP, f.Q)
         z[:n] = x[:n]
         if not math.isnan(poses[k, 0] + poses[k, 1] + poses[k, 2]):
-            total += update(f, z, P, poses[k], inputs, pose_places, h, H, PH, innovations[k])
+            total += update(f, z, P, poses[k], inputs, pose_places, h, H, PH, innovations[k], k >= settling)
         for i in range(N):
             states[k, i], variances[k, i] = z[i], P[i, i]
     return FilterRun(states, variances, innovations, total)
@@ -84,11 +89,14 @@ def predict_covariance(F: Floats, P: Floats, FP: Floats, Q: Floats) -> None:
 @njit
 def update(
     f: CompiledFilter, z: Floats, P: Floats, pose: Floats, inputs: Floats, places: Floats, h: Floats, H: Floats,
-    PH: Floats, innovation: Floats,
+    PH: Floats, innovation: Floats, settled: bool,
 ) -> float:  # fmt: skip
-    """Let a measured `pose` (3,) enter z and P; returns its log-likelihood.  What follows `pose` is worked on."""
+    """Let a measured `pose` (3,) enter z and P; returns its log-likelihood.
+
+    Quantities learn if the state has `settled`, and the car moves.  What is between `pose` and that is worked on.
+    """
     N, n, total = len(z), len(f.F), 0.0
-    learns = moves(f, z)
+    learns = settled and moves(f, z)
     for c in range(3):
         # anew for each number, as the one before has moved the state
         inputs[:N] = z
@@ -105,13 +113,16 @@ def update(
                 PH[i] += P[i, j] * H[c, j]
         for i in range(N):
             s += H[c, i] * PH[i]
-        s = max(s, e * e / (OUTLIER * OUTLIER))
+        at_most = e * e / (OUTLIER * OUTLIER)
+        doubt = at_most / JUMP_POSES if at_most > s else 0.0
+        s = max(s, at_most)
         for i in range(N):
             if i < n or learns:
                 z[i] += PH[i] * e / s
             for j in range(N):
                 if i < n or j < n or learns:
                     P[i, j] -= PH[i] * PH[j] / s
+        P[f.place[c], f.place[c]] += doubt
         innovation[c] = e
         total -= 0.5 * (math.log(2.0 * math.pi * s) + e * e / s)
     keep_within(f, z, P)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bcid.adaptation.adapt import Adaptation
-from bcid.adaptation.filter import Knowledge, start_filter
+from bcid.adaptation.filter import PLACE, Knowledge, settling_periods, start_filter
 from bcid.adaptation.filter_run import run_filter
 from bcid.adaptation.quantities import with_quantities
 from bcid.aliases import Floats
@@ -17,8 +17,7 @@ from bcid.errors import UsageError
 from bcid.export.formulas import TWIST
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 
-AT_REST = (0.0, 0.0, 0.0)
-POSE_STATES = ("p_x", "p_y", "theta")
+ORIGIN = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -48,14 +47,15 @@ class AdaptedCar:
         return self.adaptation.track.sd
 
     def begin(
-        self, pose: Sequence[float] = AT_REST, twist: Sequence[float] = AT_REST, delta: float = 0.0, gap_s: float = 0.0
-    ) -> CarUnderWay:
+        self, pose: Sequence[float] = ORIGIN, twist: Sequence[float] | None = None, delta: float | None = None,
+        gap_s: float = 0.0,
+    ) -> CarUnderWay:  # fmt: skip
         """Go on with what is known at the recording's end: on line, a command and a pose after the other.
 
         Args:
             pose: where the tracked point is: x, y (m) and yaw (rad).
-            twist: how it moves: v_x, v_y (m/s) and yaw rate (rad/s).
-            delta: the steering angle (rad).
+            twist: how it moves: v_x, v_y (m/s) and yaw rate (rad/s); None where that is not known.
+            delta: the steering angle (rad); None where it is not known.
             gap_s: the time (s) since the recording's end, over which what was learnt fades.
 
         Raises:
@@ -71,10 +71,12 @@ class CarUnderWay:
     """
 
     def __init__(
-        self, adaptation: Adaptation, pose: Sequence[float], twist: Sequence[float], delta: float, gap_s: float
-    ) -> None:
+        self, adaptation: Adaptation, pose: Sequence[float], twist: Sequence[float] | None, delta: float | None,
+        gap_s: float,
+    ) -> None:  # fmt: skip
         """Begin at a measured pose, twist and steering angle, `gap_s` (s) after the end of the adaptation."""
         self.adaptation = adaptation
+        self._settling: int  # periods in which nothing more is learnt of the quantities
         self._begin(pose, twist, delta, adaptation.track.values[-1], adaptation.track.covariance, gap_s)
 
     def step(self, command: Sequence[float], pose: Sequence[float] | None = None) -> None:
@@ -85,12 +87,16 @@ class CarUnderWay:
         """
         measured = np.full(3, np.nan) if pose is None else _numbers(pose, 3, "a pose")
         given = _numbers(command, 2, "a command")
-        run_filter(self.adaptation.filter, self._z, self._P, given[None], measured[None])
+        run_filter(self.adaptation.filter, self._z, self._P, given[None], measured[None], self._settling)
+        self._settling = max(self._settling - 1, 0)
 
     def restart(
-        self, pose: Sequence[float], gap_s: float, twist: Sequence[float] = AT_REST, delta: float = 0.0
+        self, pose: Sequence[float], gap_s: float, twist: Sequence[float] | None = None, delta: float | None = None
     ) -> None:
         """Begin anew after a gap of `gap_s` (s) without poses, over which what was learnt fades.
+
+        Where twist or steering angle are not known, poses show them, and for a second nothing else is learnt.
+        Where commands are known over the gap, `step` without a pose is better: it goes on with all that is known.
 
         Raises:
             UsageError: these are no numbers, or not as many, or the gap is below zero.
@@ -98,15 +104,18 @@ class CarUnderWay:
         self._begin(pose, twist, delta, self.values, self.covariance, gap_s)
 
     def _begin(
-        self, pose: Sequence[float], twist: Sequence[float], delta: float, values: Floats, covariance: Floats,
-        gap_s: float,
+        self, pose: Sequence[float], twist: Sequence[float] | None, delta: float | None, values: Floats,
+        covariance: Floats, gap_s: float,
     ) -> None:  # fmt: skip
         """Begin with quantities that had these `values` (k,) and this `covariance` (k, k) before a gap."""
         if not 0.0 <= gap_s < math.inf:
             raise UsageError(f"a gap cannot last {gap_s:g} s\n  next: give the time since the last pose")
         formulas, noise, known = self.adaptation.formulas, self.adaptation.noise, Knowledge(values, covariance, gap_s)
-        start = _numbers([*pose, *twist, delta], 7, "a pose, a twist and a steering angle")
-        self._z, self._P = start_filter(formulas, noise, start[:3], start[3:6], float(start[6]), known)
+        at = _numbers(pose, 3, "a pose")
+        moving = None if twist is None else _numbers(twist, 3, "a twist")
+        steered = None if delta is None else float(_numbers([delta], 1, "a steering angle")[0])
+        self._z, self._P = start_filter(formulas, noise, at, moving, steered, known)
+        self._settling = settling_periods(formulas) if moving is None or steered is None else 0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -132,7 +141,7 @@ class CarUnderWay:
     @property
     def pose(self) -> Floats:
         """The filtered pose (3,) of the centre of gravity: x, y (m) and yaw (rad)."""
-        return self._states(POSE_STATES)
+        return self._states(PLACE)
 
     @property
     def twist(self) -> Floats:
