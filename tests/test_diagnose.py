@@ -19,6 +19,7 @@ from bcid.cli.app import app
 from bcid.diagnosis import diagnose
 from bcid.diagnosis.diagnose import BaseFit, Diagnosis, diagnose_recordings
 from bcid.diagnosis.judge.fitted_models import model_from_reference
+from bcid.diagnosis.judge.not_excited import Excitation
 from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.diagnosis.remainder.chance import Chance
@@ -88,7 +89,7 @@ def diagnosis(
     )
     location: Any = SimpleNamespace(place_p_value=place, window_p_value=window)
     nothing: Any = None
-    return Diagnosis(nothing, (), naming, nothing, location, nothing, nothing, nothing, ())
+    return Diagnosis(nothing, (), naming, nothing, location, nothing, nothing, nothing, Excitation((), {}))
 
 
 @pytest.mark.parametrize(

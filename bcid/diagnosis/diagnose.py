@@ -8,7 +8,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bcid.aliases import Progress
-from bcid.diagnosis.judge.not_excited import find_unexcited_effects
+from bcid.diagnosis.judge.not_excited import Excitation, measure_excitation
 from bcid.diagnosis.judge.other_figures import ChangedFigure, find_other_figures
 from bcid.diagnosis.judge.verdict import Judgement, judge_names
 from bcid.diagnosis.limits import JUDGE_LIMITS
@@ -47,8 +47,13 @@ class Diagnosis:
     laws: Mapping[str, MissingLaw]  # before any hypothesis, by the channels that stand out and have one
     pushes_before: Disturbances  # under the refitted base model
     pushes_after: Disturbances  # under the fit with the named effects
-    not_excited: tuple[NotExcited, ...]
+    excitation: Excitation
     other_figures: tuple[ChangedFigure, ...] = ()  # of the simulation, which are others here
+
+    @property
+    def not_excited(self) -> tuple[NotExcited, ...]:
+        """The effects that the drive would have shown only if unusually large."""
+        return self.excitation.not_excited
 
     @property
     def fit(self) -> Fit:
@@ -130,9 +135,9 @@ def diagnose_recordings(
         laws = draw_laws(naming, take, location, seen)
         judgement = judge_names(naming, take)
         after = estimate_disturbances(naming.best, take)
-        not_excited = find_unexcited_effects(naming.best, take, base.full_speed_units, naming.nulls.gate)
+        excitation = measure_excitation(naming.best, take, base.full_speed_units, naming.nulls.gate)
         figures = find_other_figures(naming.best, naming.rest.fit, naming.nulls.gate)
-    return Diagnosis(take, base.contacts, naming, judgement, location, laws, before, after, not_excited, figures)
+    return Diagnosis(take, base.contacts, naming, judgement, location, laws, before, after, excitation, figures)
 
 
 def draw_laws(naming: Naming, take: Take, location: Location, seen: Explained) -> dict[str, MissingLaw]:

@@ -63,6 +63,10 @@ def summarise_diagnosis(
         fit=next((written.FitSummary(**h.as_json()) for h in horizons if h.horizon_s == SUMMARY_S), None),
         horizons=tuple(horizons),
         not_excited=diagnosis.not_excited,
+        nat_sizes={
+            name: {s: float(f"{size:.4g}") for s, size in sizes.items()}
+            for name, sizes in diagnosis.excitation.nat_sizes.items()
+        },
         contacts=tuple(written.ContactSeen(**c._asdict()) for c in diagnosis.contacts),
         corrections=tuple(
             written.Correction(

@@ -279,6 +279,9 @@ class DiagnosisDocument(Document):
     others_nats: dict[str, Figure] = Field(
         default_factory=dict
     )  # that each effect of the vocabulary would add beside the findings and free functions, to first order
+    nat_sizes: dict[str, dict[str, Figure]] = Field(
+        default_factory=dict
+    )  # by effect and parameter, how large one that is not found had to be (SI) for the drive to show one nat of it
     gate_nats: Number = None  # what chance reaches on these recordings, and a name must exceed
     stretches: int | None = None  # of 1.5 s, in which the recordings are predicted
     located: Located | None = None

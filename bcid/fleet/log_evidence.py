@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
-from bcid.documents.diagnosis import DiagnosisDocument
+from bcid.documents.diagnosis import DiagnosisDocument, NamedEffect
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.price import price_nats
 
@@ -30,6 +30,9 @@ class LogEvidence:
     instead: Mapping[tuple[str, str], float]  # by a finding and another effect: that this adds in its place
     stretches: int = 1  # of the log, which say what a parameter of an effect costs
     unseen: frozenset[str] = frozenset()  # effects that the drive does not excite
+    # by effect and parameter, distances from where it is off: those that the log shows, and those expected to add a nat
+    sizes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    nat_sizes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @classmethod
     def of_diagnosis(cls, document: DiagnosisDocument) -> LogEvidence:
@@ -42,7 +45,9 @@ class LogEvidence:
                 (finding,), (other,) = out, into
                 instead |= {(finding, other): named[finding] - rival.behind_nats}
         unseen = frozenset(each.effect for each in document.not_excited)
-        return cls(named, _finite(document.others_nats.items()), instead, document.stretches or 1, unseen)
+        sizes = {f.effect: _sizes_of(f) for f in document.findings}
+        others, nat_sizes = _finite(document.others_nats.items()), document.nat_sizes
+        return cls(named, others, instead, document.stretches or 1, unseen, sizes, nat_sizes)
 
     @cached_property
     def effects(self) -> set[str]:
@@ -77,20 +82,18 @@ class LogEvidence:
         instead.pop(effect, None)
         return Way(nats, instead, frozenset(set(self.named) - {finding}))
 
-    def at_size(self, nats: float, effect: str, usual: float) -> float:
-        """Nats of an effect at the size that it has in other logs, of which each stretch gains `usual` by it.
+    def at_size(self, nats: float, effect: str, usual: Mapping[str, float]) -> float:
+        """Nats of an effect at the `usual` sizes, by parameter, that it has in other logs; here it adds `nats`.
 
-        Here it adds `nats` at its own size.  Of a log-likelihood -(a - a_i)^2/(2 s^2) of the size a, z^2/2 = a_i^2/(2
-        s^2) is what the own size adds before its price, and G = a^2/(2 s^2) what the other logs' size would: as much a
-        stretch as there, so that a short log is not expected to say what a long one does.  At that size the log gains
-        2 sqrt(G z^2/2) - G.
+        Of a log-likelihood -(a - a_i)^2/(2 s^2) of the size a, z^2/2 = a_i^2/(2 s^2) is what the own size adds before
+        its price, and G = a^2/(2 s^2) what the other logs' size would: (a/a_1)^2, as this drive is expected to show one
+        nat of the size a_1.  So a short or gentle drive is not expected to say what a long and fast one does.  At that
+        size the log gains 2 sqrt(G z^2/2) - G.  Where the drive does not say a_1, as of what has a place, it is `nats`.
         """
-        own, G = max(nats + self.price(effect), 0.0), usual * self.stretches
-        return min(nats, 2.0 * math.sqrt(G * own) - G)
-
-    def nats_a_stretch(self, effect: str) -> float:
-        """Nats that a finding adds to each stretch of the log, before its price."""
-        return max(self.named[effect] + self.price(effect), 0.0) / self.stretches
+        nat_sizes = self.nat_sizes.get(effect, {})
+        G = max(((size / nat_sizes[s]) ** 2 for s, size in usual.items() if nat_sizes.get(s, 0.0) > 0.0), default=0.0)
+        own = max(nats + self.price(effect), 0.0)
+        return min(nats, 2.0 * math.sqrt(G * own) - G) if G > 0.0 else nats
 
     def price(self, effect: str) -> float:
         """Nats that the parameters of an effect cost."""
@@ -103,6 +106,16 @@ class LogEvidence:
             return False
         neither = one not in self.named and other not in self.named
         return neither or (one, other) in self.instead or (other, one) in self.instead
+
+
+def _sizes_of(finding: NamedEffect) -> dict[str, float]:
+    """How far the parameters of a finding, but for its place, are from where it is off."""
+    entry = EFFECTS.get(finding.effect)
+    off = {p.symbol: p.off for p in entry.parameters if not p.is_place} if entry else {}
+    return {
+        symbol: abs(q.value - off[symbol])
+        for symbol, q in finding.parameters.items() if symbol in off and q.value is not None
+    }  # fmt: skip
 
 
 def _finite(pairs: Iterable[tuple[str, float | None]]) -> dict[str, float]:

@@ -1,7 +1,7 @@
 """Which effects a fleet of cars has, since which day, and in what share of them: the evidence of all logs together.
 
 The diagnosis of log i says by how many nats b_ie an effect e makes the log likelier; where it does not name it, and
-two others do, at the size that it has in those.  It may be wrong, in a share epsilon of logs, whatever it says: an
+two others do, at the size that it has in those, as far as the log's drive shows such a size.  It may be wrong, in a share epsilon of logs, whatever it says: an
 explanation that adds b nats, where the likeliest one adds m, has the likelihood
 
     l(b) = (1 - epsilon) exp(b - m) + epsilon.
@@ -25,7 +25,7 @@ the end each is weighed anew beside all others.  Reported are as many as leave t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -126,7 +126,7 @@ def _are_twins(logs: Sequence[LogEvidence], found: Occurrence, other: str) -> bo
 
 def _log_ratios(logs: Sequence[LogEvidence], effect: str, explained: Sequence[ExplainedLogs]) -> Floats:
     """The ln r_ie (I,) of an effect, beside what else was found to be `explained`; zero where a log cannot say."""
-    usual = _usual_nats(logs, effect)
+    usual = _usual_sizes(logs, effect)
     return np.array([
         _log_ratio(log, effect, usual, [(found.names, float(found.in_logs[i])) for found in explained])
         if effect in log.effects else 0.0
@@ -134,14 +134,15 @@ def _log_ratios(logs: Sequence[LogEvidence], effect: str, explained: Sequence[Ex
     ])  # fmt: skip
 
 
-def _usual_nats(logs: Sequence[LogEvidence], effect: str) -> float | None:
-    """Nats an effect adds to a stretch of most logs that name it, the lower quartile; None where fewer than two do."""
-    named = [log.nats_a_stretch(effect) for log in logs if effect in log.named]
-    return float(np.quantile(named, 0.25)) if len(named) > 1 else None
+def _usual_sizes(logs: Sequence[LogEvidence], effect: str) -> dict[str, float]:
+    """Sizes, by parameter, that an effect exceeds in most logs that name it (lower quartile); none of a single log."""
+    shown = [log.sizes.get(effect, {}) for log in logs if effect in log.named]
+    symbols = dict.fromkeys(symbol for sizes in shown for symbol in sizes)
+    return {s: float(np.quantile([x.get(s, 0.0) for x in shown], 0.25)) for s in symbols} if len(shown) > 1 else {}
 
 
 def _log_ratio(
-    log: LogEvidence, effect: str, usual: float | None, explained: Sequence[tuple[frozenset[str], float]]
+    log: LogEvidence, effect: str, usual: Mapping[str, float], explained: Sequence[tuple[frozenset[str], float]]
 ) -> float:
     """The ln r_ie of one log: of the effect beside its findings, or in the place of one, whichever says more.
 
@@ -150,7 +151,7 @@ def _log_ratio(
     ratios = list[float]()
     for way in log.ways(effect):
         if math.isfinite(way.nats):
-            at_usual = way.nats if usual is None or effect in log.named else log.at_size(way.nats, effect, usual)
+            at_usual = way.nats if effect in log.named else log.at_size(way.nats, effect, usual)
             # one that is among the findings that stay is there in any case
             there = [(p, names & way.instead.keys()) for names, p in explained if not names & way.beside]
             likely = [(p, max(way.instead[name] for name in names)) for p, names in there if names]

@@ -1,25 +1,39 @@
-"""Effects that a take could not have shown: they would have had to be large for this vehicle to be seen."""
+"""How well a drive shows each effect, and which it could not have shown, unless unusually large for this vehicle."""
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from bcid.aliases import Floats
 from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.documents.diagnosis import Detectable, NotExcited
 from bcid.effects.entry import VehicleScale
 from bcid.effects.table import EFFECTS
 from bcid.experiment.detectability import (
+    PlacedAmplitude,
     amplitudes_at_typical_places,
     expected_gains_nats,
     required_gain_nats,
     solve_smallest_sizes,
 )
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
 
 
-def find_unexcited_effects(fit: Fit, take: Take, units: VehicleScale, gate_nats: float) -> tuple[NotExcited, ...]:
-    """The effects, not in `fit`, that this drive would not have shown even at a multiple of their usual sizes.
+class Excitation(NamedTuple):
+    """How well a drive shows the effects that are not in a fit."""
+
+    not_excited: tuple[NotExcited, ...]
+    # by effect and parameter, the distance from where it is off at which one nat is expected; none of what has a place
+    nat_sizes: Mapping[str, Mapping[str, float]]
+
+
+def measure_excitation(fit: Fit, take: Take, units: VehicleScale, gate_nats: float) -> Excitation:
+    """How well this drive shows the effects that are not in `fit`, and which not even at a multiple of usual sizes.
 
     The multiple is `JUDGE_LIMITS.unexcited_sizes`.  An effect shows if, at the best of several places, it is expected
     to raise the log-likelihood by `gate_nats` and its price (`required_gain_nats`).  Each is listed with the smallest
@@ -40,11 +54,22 @@ def find_unexcited_effects(fit: Fit, take: Take, units: VehicleScale, gate_nats:
         key = (a.effect, a.parameter.symbol)
         best[key] = max(best.get(key, i), i, key=lambda j: gains[j])
     missed = [i for i in best.values() if gains[i] < required[i]]
+    nat_sizes = _sizes_of_a_nat(amplitudes, gains)
     if not missed:
-        return ()
+        return Excitation((), nat_sizes)
     rows, chosen = [], [amplitudes[i] for i in missed]
     for a, size in zip(chosen, solve_smallest_sizes(fit, take, chosen, required[missed]), strict=True):
         quoted = a.parameter.quote(size if np.isfinite(size) else 0.0, None)
         smallest = Detectable(value=quoted.value if np.isfinite(size) else None, unit=quoted.unit)
         rows.append(NotExcited(effect=a.effect, parameter=quoted.symbol, smallest_detectable=smallest))
-    return tuple(rows)
+    return Excitation(tuple(rows), nat_sizes)
+
+
+def _sizes_of_a_nat(amplitudes: Sequence[PlacedAmplitude], gains: Floats) -> dict[str, dict[str, float]]:
+    """The sizes of effects without a place at which one nat is expected, as gains grow with the square of a size."""
+    sizes = dict[str, dict[str, float]]()
+    for a, gain in zip(amplitudes, gains.tolist(), strict=True):
+        if gain > LIKELIHOOD_LIMITS.min_information and not EFFECTS[a.effect].place_parameters:
+            size = abs(a.values[a.parameter_index] - a.parameter.off)
+            sizes.setdefault(a.effect, {})[a.parameter.symbol] = size / math.sqrt(gain)
+    return sizes
