@@ -12,7 +12,8 @@ from cars import CAR
 from typer.testing import CliRunner
 
 from bcid.cli.app import app
-from bcid.documents.pool import PoolDocument
+from bcid.cli.pooling import doubts_of_factors
+from bcid.documents.pool import PoolDocument, PooledAlternative
 from bcid.effects.constants import Constants
 from bcid.errors import InputRefused, PartLost, UsageError
 from bcid.estimate.run import estimate_motion
@@ -20,7 +21,7 @@ from bcid.estimate.types import Estimate
 from bcid.evaluation.seen_takes import load_seen_takes
 from bcid.fleet import pool_recordings
 from bcid.fleet.pool_recordings import FittedRecording, fit_recording
-from bcid.fleet.pooled_car import CarSummary, pool_car, summarise_fit
+from bcid.fleet.pooled_car import CarSummary, pool_car, summarise_fit, weigh_alternatives
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.models.saving import load_model
 from bcid.recording.types import Recording
@@ -49,6 +50,38 @@ def test_loads_are_weighed_within_three_percent(summaries: list[CarSummary]) -> 
     factors, sd = pooled.factors([0, 2])
     assert factors[:, 0] == pytest.approx([1.0 + load for load in LOADS], rel=0.03)
     assert (sd < 0.03).all()
+
+
+def test_a_load_on_tyres_that_grip_the_better_for_it_is_not_taken_for_none(summaries: list[CarSummary]) -> None:
+    """Per mass their grip, and drag, are what they were: only the motor is weaker."""
+    loaded = []
+    for load, each in zip(LOADS, summaries, strict=True):
+        grows = np.array([s in ("C_f", "C_r", "F_f_max", "F_r_max") for s in each.symbols])
+        phi = each.summary.phi + grows * np.log(1.0 + load)
+        phi[[each.symbols.index("R_1"), each.symbols.index("R_2")]] *= 1.0 + load
+        loaded.append(each._replace(summary=each.summary._replace(phi=phi)))
+    as_mass = pool_car(loaded, ["mass"])
+    assert np.ptp(as_mass.factors([0, 2])[0]) < 0.05
+    best = weigh_alternatives(loaded, as_mass)[0]
+    assert best.other in ("load", "motor")
+    assert best.nats > 4.0
+    factors, _ = pool_car(loaded, ["load"]).factors([0, 2])
+    assert factors[:, 0] == pytest.approx([1.0 + load for load in LOADS], rel=0.04)
+    assert weigh_alternatives(summaries, pool_car(summaries, ["mass"]))[0].nats < 0.0
+
+
+def test_what_may_stand_in_a_factor_s_place_is_said() -> None:
+    def told(*nats: float) -> list[str]:
+        others = [
+            PooledAlternative(named="mass", other=o, nats=n) for o, n in zip(("load", "motor"), nats, strict=True)
+        ]
+        return doubts_of_factors(
+            PoolDocument(vehicle="car", constants=(), recordings=(), spreads={"mass": 0.1}, alternatives=tuple(others))
+        )
+
+    assert told(31.0, 30.0) == ["mass: the recordings are 31 nats likelier if load differs in its place: --own load"]
+    assert told(1.0, -3.0) == ["mass: the recordings do not tell it from load or motor (docs/pooling.md)"]
+    assert told(-9.0, -30.0) == []
 
 
 def test_what_is_said_twice_differs_once(summaries: list[CarSummary]) -> None:

@@ -11,6 +11,7 @@ import typer
 from bcid.cli import options
 from bcid.cli.options import Format
 from bcid.errors import InputRefused, PartLost, Problems, UsageError
+from bcid.fleet.limits import LIMITS
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -31,7 +32,7 @@ def pool(
         list[str] | None,
         typer.Option(
             "--own", show_default="mass",
-            help="What may differ from recording to recording; repeat for several: mass, motor, grip, drag.",
+            help="What may differ from recording to recording; repeat for several: mass, load, motor, grip, drag.",
         ),
     ] = None,
     reference: Annotated[
@@ -86,6 +87,8 @@ def pool(
         )
     _write_results(document, pooled, [work.takes.steps(path) for path in fitted], config, force)
     sink.result(document.as_json(), lambda: _tables(document))
+    for text in doubts_of_factors(document):
+        sink.note(text)
     sink.note(f"the car of all: {home}\nwritten to: {config.workspace / RESULT}")
     try:
         work.raise_if_parts_lost()
@@ -142,6 +145,24 @@ def _find_references(reference: Sequence[Path], paths: Sequence[Path]) -> list[P
             f"--reference names a recording that is not pooled: {missing[0]}\n  next: name it among the recordings, too"
         )
     return list(dict.fromkeys(known[path.absolute()] for path in reference)) or [paths[0]]
+
+
+def doubts_of_factors(document: PoolDocument) -> list[str]:
+    """What may as well differ between the recordings in the place of each factor, a sentence for each."""
+    from bcid.report.formats import join_words
+
+    sentences = []
+    for named in document.spreads:
+        near = [a for a in document.alternatives if a.named == named and a.nats > -LIMITS.twin_nats]
+        if not near:
+            continue
+        best = near[0]
+        if best.nats > LIMITS.twin_nats:
+            how = f"are {best.nats:.0f} nats likelier if {best.other} differs in its place: --own {best.other}"
+        else:
+            how = f"do not tell it from {join_words([a.other for a in near], 'or')} (docs/pooling.md)"
+        sentences.append(f"{named}: the recordings {how}")
+    return sentences
 
 
 def _tables(document: PoolDocument) -> RenderableType:

@@ -34,6 +34,14 @@ class PooledRecording(Part):
     factors: tuple[PooledFactor, ...]
 
 
+class PooledAlternative(Part):
+    """What may differ in the place of a factor, and by how many nats that makes the recordings likelier."""
+
+    named: str
+    other: str
+    nats: Figure
+
+
 class PoolDocument(Document):
     """What recordings of one car say together."""
 
@@ -41,4 +49,5 @@ class PoolDocument(Document):
     vehicle: str
     constants: tuple[PooledConstant, ...]
     recordings: tuple[PooledRecording, ...]
+    alternatives: tuple[PooledAlternative, ...] = ()  # the likeliest first
     spreads: dict[str, Figure]  # relative standard deviation of each factor from recording to recording

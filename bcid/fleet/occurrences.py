@@ -1,8 +1,9 @@
 """Which effects a fleet of cars has, since which day, and in what share of them: the evidence of all logs together.
 
 The diagnosis of log i says by how many nats b_ie an effect e makes the log likelier; where it does not name it, and
-two others do, at the size that it has in those, as far as the log's drive shows such a size.  It may be wrong, in a share epsilon of logs, whatever it says: an
-explanation that adds b nats, where the likeliest one adds m, has the likelihood
+two others do, at the size that it has in those, as far as the log's drive shows such a size.  It may be wrong, in a
+share epsilon of logs, whatever it says: an explanation that adds b nats, where the likeliest one adds m, has the
+likelihood
 
     l(b) = (1 - epsilon) exp(b - m) + epsilon.
 

@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Progress
-from bcid.documents.pool import PoolDocument, PooledConstant, PooledFactor, PooledRecording
+from bcid.documents.pool import PoolDocument, PooledAlternative, PooledConstant, PooledFactor, PooledRecording
 from bcid.estimate.saving import load_estimate
 from bcid.estimate.types import Estimate
 from bcid.execution.jobs import Workers, run_jobs
 from bcid.fleet.attempts import Attempt, attempt, describe_lost_process
-from bcid.fleet.pooled_car import CarSummary, PooledCar, summarise_fit
+from bcid.fleet.pooled_car import CarSummary, PooledCar, summarise_fit, weigh_alternatives
 from bcid.likelihood.divergence import refuse_divergence
 from bcid.likelihood.hypothesis import DRAG
 from bcid.likelihood.prepare import base_hypothesis, prepare_and_fit_base
@@ -119,4 +119,11 @@ def describe_pool(
         for i, each in enumerate(fitted)
     )  # fmt: skip
     spreads = dict(zip(pooled.names, pooled.pooled.spread[:k].tolist(), strict=True))
-    return PoolDocument(vehicle=vehicle.name, constants=tuple(constants), recordings=recordings, spreads=spreads)
+    alternatives = tuple(
+        PooledAlternative(named=a.named, other=a.other, nats=round(a.nats, 2))
+        for a in weigh_alternatives([each.summary for each in fitted], pooled)
+    )
+    return PoolDocument(
+        vehicle=vehicle.name, constants=tuple(constants), recordings=recordings, spreads=spreads,
+        alternatives=alternatives,
+    )  # fmt: skip

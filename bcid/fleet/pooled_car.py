@@ -2,6 +2,9 @@
 
 A load f multiplies m and I_z.  As m is held in a fit, that divides all forces by f: their logarithms, which a fit
 estimates, and R_1 and R_2 go down alike, and nothing else does.  So recordings say of each other what none says alone.
+That holds for tyres and bearings whose forces do not grow with the load ("mass").  Where grip and drag are in
+proportion to it ("load") they stay what they were per mass, and motor and brake alone seem weaker: as with an empty
+battery.  `Alternative` says what the recordings say of the one against the other.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from bcid.physics.car import Car
 FORCES = ("F_m_max", "K_t", "K_b", "K_v", "C_f", "C_r", "F_f_max", "F_r_max", *DRAG)
 OWN = {
     "mass": dict.fromkeys(FORCES, -1.0),
+    "load": dict.fromkeys(("F_m_max", "K_t", "K_b", "K_v"), -1.0),
     "motor": dict.fromkeys(("F_m_max", "K_t"), 1.0),
     "grip": dict.fromkeys(("C_f", "C_r", "F_f_max", "F_r_max"), 1.0),
     "drag": dict.fromkeys(DRAG, 1.0),
@@ -44,6 +48,14 @@ class CarSummary(NamedTuple):
     symbols: tuple[str, ...]
     summary: Summary
     car: Car  # fitted to this recording alone
+
+
+class Alternative(NamedTuple):
+    """By how many nats recordings are likelier if something else differs between them in the place of what is named."""
+
+    named: str
+    other: str
+    nats: float
 
 
 @dataclass(frozen=True)
@@ -114,6 +126,17 @@ def pool_car(summaries: Sequence[CarSummary], names: Sequence[str]) -> PooledCar
     spread = np.array([FIRST_SPREAD] * len(names) + [FIRST_SCATTER] * len(symbols))
     pooled = pool([each.summary for each in summaries], columns, spread)
     return PooledCar(symbols, summaries[0].car, names, pooled, columns)
+
+
+def weigh_alternatives(summaries: Sequence[CarSummary], pooled: PooledCar) -> list[Alternative]:
+    """What may differ in the place of each thing that does in `pooled`, the likeliest first."""
+    found = []
+    for named in pooled.names:
+        rest = [name for name in pooled.names if name != named]
+        for other in OWN.keys() - {*pooled.names}:
+            there = pool_car(summaries, [*rest, other]).pooled.log_likelihood
+            found.append(Alternative(named, other, there - pooled.pooled.log_likelihood))
+    return sorted(found, key=lambda each: (-each.nats, each.other))
 
 
 def _direction(symbols: Sequence[str], name: str, phi: Floats) -> Floats:
