@@ -1,4 +1,4 @@
-"""Recordings of one car fitted each by itself, pooled, and what they say written; none stays in memory."""
+"""Recordings of one car fitted each by itself, pooled, and what they say written."""
 
 from __future__ import annotations
 
