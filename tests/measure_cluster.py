@@ -5,8 +5,8 @@
 simulates so many logs (64) of so many seconds (600) in FOLDER, takes them through everything by `bcid fleet --jobs 2`
 and on a cluster of two workers, of which one that is at work is killed with -9 after the first diagnosis, and compares
 all files of all artifacts by the hashes in their manifests.  It writes docs/results/fleet_cluster.json, and fails
-unless all logs were done both ways, a worker was killed, and nothing differs.  Model cards and pages tell the command by
-which they were made: these are compared without it.  What was simulated and run here is kept; the cluster begins anew.
+unless all logs were done both ways, a worker was killed, and nothing differs.  Model cards and pages tell the command
+by which they were made: these are compared without it.  Of what was made here before logs and the local run are kept.
 """
 
 from __future__ import annotations
