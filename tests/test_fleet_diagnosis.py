@@ -288,6 +288,28 @@ def test_where_the_cars_are_known_the_logs_of_one_stand_together() -> None:
     assert find_one(logs).in_logs[4] < found.in_logs[4] - 0.1
 
 
+def test_a_log_that_has_an_effect_and_does_not_name_it_moves_no_parameter() -> None:
+    """Four logs since the second day have it; in two, which do not name it, the motor stands in for it."""
+    rng = np.random.default_rng(4)
+    logs = []
+    for i in range(len(DAYS)):
+        blind = i in HAVING[:2]
+        made = diagnosed_log(i, 2.0 * (1.3 if blind else 1.0) + 0.02 * rng.normal())
+        if blind:
+            others = made.document.others_nats | {"rough_patch": 9.0}
+            made = made._replace(
+                document=made.document.model_copy(update={"findings": (), "rivals": (), "others_nats": others})
+            )
+        logs.append(made)
+    together = diagnose_together(logs, ALL_DAYS)
+    assert together is not None
+    assert [e.effect for e in together.effects] == ["rough_patch"]
+    assert together.effects[0].in_logs["log_5"] > 0.5
+    assert not together.moved
+    (K_t,) = [p for p in together.parameters if p.symbol == "K_t"]
+    assert {value.log for value in K_t.logs} == {f"log_{i}" for i in range(12) if i not in HAVING[:2]}
+
+
 def test_a_parameter_that_moved_is_told_with_an_interval_that_holds() -> None:
     rng = np.random.default_rng(3)
     held, false_alarms, repeats = 0, 0, 200

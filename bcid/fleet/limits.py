@@ -11,8 +11,9 @@ class FleetLimits:
     # where fitting takes ten and a diagnosis minutes.  Only the time that is said to be left depends on it.
     evaluation_share: float = 0.05
 
-    # Share of logs whose diagnosis is wrong, whatever it says, so that a log alone counts 4.6 nats at most.  In the
-    # blind test false alarms are rarer than one in fifty takes of nothing (docs/results/prove.json).
+    # Share of logs whose diagnosis is wrong, whatever it says, so that a log alone counts 4.6 nats at most.  Of fleets
+    # whose logs name a wrong effect in one of fifty, and miss one as often, what is told is as likely as it is said
+    # (tests/test_fleet_diagnosis.py); in the blind test false alarms are rarer (docs/results/prove.json).
     wrong_log_rate: float = 0.01
 
     # Expected share of false ones among the effects, and among the changes of parameters, that are told of a fleet.

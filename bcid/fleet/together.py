@@ -95,7 +95,9 @@ def _follow_parameters(
     Of the changes that are reported a share of `LIMITS.false_share` is expected to be false; their intervals allow for
     that they were chosen (Benjamini and Yekutieli 2005).
     """
-    series = _car_series(logs) + [s for each in occurrences for s in _effect_series(logs, each)]
+    series = _car_series(_logs_that_name_what_they_have(logs, occurrences)) + [
+        s for each in occurrences for s in _effect_series(logs, each)
+    ]
     models = [
         fit_days(
             *s.values_to_compare(), [days.index(log.label.day) for log in s.logs], [log.label.car for log in s.logs]
@@ -111,6 +113,21 @@ def _follow_parameters(
     ]  # fmt: skip
     parameters = [_describe_parameter(s, model, days) for s, model in zip(series, models, strict=True)]
     return parameters, sorted(moved, key=lambda each: each.p_value)
+
+
+def _logs_that_name_what_they_have(
+    logs: Sequence[DiagnosedLog], occurrences: Sequence[Occurrence]
+) -> list[DiagnosedLog]:
+    """The logs whose constants of the car were fitted beside all effects of the fleet that they have.
+
+    In the others an effect that is there, and has no name, has moved the constants: they would seem to be others on the
+    day on which it came.
+    """
+    return [
+        log for i, log in enumerate(logs)
+        if all(o.in_logs[i] <= PRESENT or {f.effect for f in log.document.findings} & {o.effect, *o.twins}
+               for o in occurrences)
+    ]  # fmt: skip
 
 
 def _car_series(logs: Sequence[DiagnosedLog]) -> list[_Series]:
