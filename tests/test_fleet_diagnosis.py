@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from bcid.errors import InputRefused
 from bcid.fleet.labels import LogLabel, label_logs
 from bcid.fleet.log_evidence import LogEvidence
 from bcid.fleet.moved import _Design, fit_days, reject_at_false_share
-from bcid.fleet.occurrences import Occurrence, find_occurrences
+from bcid.fleet.occurrences import Occurrence, _weigh_against, find_occurrences
 from bcid.fleet.together import DiagnosedLog, diagnose_together
 from bcid.report.fleet_page import write_fleet_page
 from bcid.report.fleet_words import change_in_words, fleet_sentences
@@ -68,6 +69,14 @@ def test_an_effect_since_a_day_is_found_with_its_share_and_its_logs(nats: float)
 
 def test_what_no_log_shows_by_itself_several_show_together() -> None:
     assert find_one(fleet(log(**{EFFECT: 8.0}))).effect == EFFECT
+
+
+def test_the_docs_say_how_much_a_log_counts() -> None:
+    text = (Path(__file__).parents[1] / "docs" / "fleet.md").read_text(encoding="utf-8").replace("−", "-")
+    rows = re.findall(r"^\| (?:it|a drive).* \| (-?\d+) \| ([-+][\d.]+) \|$", text, re.MULTILINE)
+    assert len(rows) == 5
+    for nats, counts in rows:
+        assert _weigh_against(float(nats), max(float(nats), 0.0), 0.0, 0.0) == pytest.approx(float(counts), abs=0.05)
 
 
 @pytest.mark.parametrize("nats", [8.0, 1000.0])
