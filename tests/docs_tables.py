@@ -114,6 +114,28 @@ def held_out_table(drives: Mapping[str, Mapping[str, Any]]) -> str:
     return _markdown_table(["drive", "names", "share of the functions", "0.5 s", "2 s", "10 s"], rows)
 
 
+LARGE_FILES = {
+    "motive": "Motive CSV, {:.2g} GB", "mcap": "MCAP, {:.2g} GB: poses in CDR, commands, a camera",
+    "mcap-json": "MCAP, {:.2g} GB: poses in JSON, commands, a camera",
+}  # fmt: skip
+"""What kinds of large recordings hold, with their size."""
+
+
+def memory_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The docs' table of docs/results/memory.json: the largest resident memory of commands on large recordings."""
+    return _markdown_table(
+        ["file", "of which the car", "command", "memory", "time"],
+        [
+            [
+                LARGE_FILES[row["kind"]].format(row["gigabytes"]),
+                f"{row['hours']:g} h at 240 Hz ({row['poses'] / 1e6:.2f} million poses)", f"`bcid {row['command']}`",
+                f"{row['peak_mib']} MiB", f"{row['seconds']} s",
+            ]
+            for row in rows if row["exit"] == 0
+        ],
+    )  # fmt: skip
+
+
 def pushes_table(laws: Sequence[Mapping[str, Any]]) -> str:
     """The docs' table of docs/results/pushes.json: what each law of the pushes leaves to functions without a name.
 

@@ -19,6 +19,7 @@ from docs_tables import (
     bench_table,
     evidence_table,
     held_out_table,
+    memory_table,
     methods_table,
     pushes_table,
     real_answers_table,
@@ -26,6 +27,7 @@ from docs_tables import (
     renew_bench_table,
 )
 from exported_models import MODELS
+from measure_memory import ROWS
 
 from bcid.aliases import Floats
 from bcid.bench.limits import ACCURACY
@@ -501,6 +503,14 @@ def test_the_docs_tell_what_free_functions_predict_of_real_drives() -> None:
     helped = [d for d in drives.values() if d["function_share"] > 0.0]
     assert all(d["errors"]["2"]["remainder"] < d["errors"]["2"]["after"] for d in helped)
     assert f"On {len(helped)} of {len(drives)} drives" in page
+
+
+def test_the_docs_tell_what_memory_large_recordings_take() -> None:
+    rows = json.loads((DOCS / "results" / "memory.json").read_text(encoding="utf-8"))["rows"]
+    assert {(row["kind"], row["command"]) for row in rows} == {(kind, command) for kind, _, _, command in ROWS}
+    assert memory_table(rows) in (DOCS / "formats.md").read_text(encoding="utf-8")
+    # a gibibyte; the pose of one car is all that is held
+    assert max(row["peak_mib"] for row in rows) < 1024
 
 
 def test_the_docs_tell_what_the_law_of_pushes_decides() -> None:
