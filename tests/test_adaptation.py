@@ -22,7 +22,7 @@ from bcid.adaptation.filter import (
     Knowledge,
     assume_noise,
     compile_filter,
-    settling_periods,
+    settling_poses,
     start_filter,
 )
 from bcid.adaptation.filter_run import OUTLIER, keep_within, run_filter
@@ -217,17 +217,26 @@ def test_a_start_of_which_only_the_pose_is_known_teaches_nothing_wrong() -> None
         run_filter(certain.filter, z, P, commands[:1200], poses[:1200])
         known = Knowledge(z[n:].copy(), P[n:, n:].copy(), 3.0)
         z, P = start_filter(certain.formulas, noise, poses[1260], None, None, known)
-        run = run_filter(certain.filter, z, P, commands[1261:], poses[1261:], settling_periods(certain.formulas))
+        run = run_filter(certain.filter, z, P, commands[1261:], poses[1261:], settling_poses(certain.formulas))
         off.append(np.abs((run.z[:, column] - 1.0) / np.sqrt(run.variance[:, column])).max())
     # told that the car stands, two of these twelve are off by ten standard deviations and more
     assert max(off) < 4.0
+
+
+def test_periods_without_a_pose_teach_no_twist(adaptive: Adaptive) -> None:
+    commands = draw_commands(30.0)
+    poses, column = drive([adaptive.model], commands), adaptive.column("mass")
+    poses[:30] = np.nan
+    z, P = start_filter(adaptive.formulas, NOISE, np.zeros(3), None, None)
+    run = run_filter(adaptive.filter, z, P, commands, poses, settling_poses(adaptive.formulas))
+    assert np.flatnonzero(run.z[:, column] != 1.0)[0] == 30 + round(SETTLING_S / PERIOD_S)
 
 
 def test_what_is_learnt_waits_for_the_twist_alone(adaptive: Adaptive) -> None:
     commands = draw_commands(30.0)
     poses, column = drive([adaptive.model], commands), adaptive.column("mass")
     z, P = start_filter(adaptive.formulas, NOISE, np.zeros(3), None, None)
-    run = run_filter(adaptive.filter, z, P, commands, poses, settling_periods(adaptive.formulas))
+    run = run_filter(adaptive.filter, z, P, commands, poses, settling_poses(adaptive.formulas))
     assert np.flatnonzero(run.z[:, column] != 1.0)[0] == round(SETTLING_S / PERIOD_S)
     assert run.variance[-1, column] < 0.5 * adaptive.quantities[0].sd ** 2
 
@@ -321,10 +330,11 @@ def test_the_filter_in_c_is_the_same(adaptive: Adaptive, tmp_path: Path) -> None
     c.car_adapt_restart(memory, numbers(pose), numbers(twist), 0.2, gap_s)
     assert np.abs(np.array(memory[len(z) :]).reshape(kept.shape) - kept).max() < 1e-12
     assert np.abs(step_in_c(c, memory, commands[rows], poses[rows]) - again.z).max() < 1e-9
-    # one of which only the pose is known
+    # one of which only the pose is known, with some periods without a pose
+    poses[405:410] = np.nan
     z, P = start_filter(adaptive.formulas, NOISE, pose, None, None, Knowledge(z[n:], P[n:, n:], gap_s))
     kept = P.copy()
-    again = run_filter(adaptive.filter, z, P, commands[rows], poses[rows], settling_periods(adaptive.formulas))
+    again = run_filter(adaptive.filter, z, P, commands[rows], poses[rows], settling_poses(adaptive.formulas))
     c.car_adapt_restart(memory, numbers(pose), None, math.nan, gap_s)
     assert np.abs(np.array(memory[len(z) :]).reshape(kept.shape) - kept).max() < 1e-12
     assert np.abs(step_in_c(c, memory, commands[rows], poses[rows]) - again.z).max() < 1e-9

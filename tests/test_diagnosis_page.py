@@ -337,7 +337,7 @@ def test_several_findings_and_a_remainder_are_all_said() -> None:
     assert "With them the held-out" in said
     rest = "is left that no named effect explains: it acts on the yaw moment"
     assert f"Too small to show in predictions, something more {rest}" in said
-    assert said.endswith("So each ± is narrower than the truth.")
+    assert said.endswith("So each ± is too small.")
     d["fit"]["nmse_after"] = 2.0 * d["fit"]["nmse_floor"]
     assert f". Something more {rest}" in verdict_sentence(d)
     d["fit"]["nmse_floor"] = None

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bcid.documents.diagnosis import BaseModel, BaseParameter, DiagnosisDocument, NamedEffect, Quantity, Rival
+from bcid.documents.diagnosis import REFITTED, BaseModel, BaseParameter, DiagnosisDocument, NamedEffect, Quantity, Rival
 from bcid.documents.fleet import FleetDocument, FleetLog, MovedParameter
 from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused
@@ -73,7 +73,7 @@ def test_what_no_log_shows_by_itself_several_show_together() -> None:
 
 def test_the_docs_say_how_much_a_log_counts() -> None:
     text = (Path(__file__).parents[1] / "docs" / "fleet.md").read_text(encoding="utf-8").replace("−", "-")
-    rows = re.findall(r"^\| (?:it|a drive).* \| (-?\d+) \| ([-+][\d.]+) \|$", text, re.MULTILINE)
+    rows = re.findall(r"^\| (?:it|a drive).* \| (-?\d+) \| ([-+]?[\d.]+) \|$", text, re.MULTILINE)
     assert len(rows) == 5
     for nats, counts in rows:
         assert _weigh_against(float(nats), max(float(nats), 0.0), 0.0, 0.0) == pytest.approx(float(counts), abs=0.05)
@@ -242,14 +242,34 @@ def test_a_short_log_is_not_expected_to_say_what_a_long_one_does() -> None:
     assert without[0].in_logs[4:].max() < 0.2
 
 
-@pytest.mark.parametrize("gentle", [6.0, 8.0, 10.0])
+@pytest.mark.parametrize("gentle", [0.05, 0.5, 1.0, 3.0, 6.0, 8.0, 10.0])
 def test_gentle_drives_do_not_count_against_what_they_hardly_show(gentle: float) -> None:
     """All logs have the effect; those of the first day, and some later ones, are driven gently."""
-    logs = [shown(200.0, 200.0, True) if i in (4, 5, 8, 9) else shown(gentle, gentle) for i in range(len(DAYS))]
+    # its price taken off
+    nats = gentle - 2.0
+    logs = [shown(200.0, 200.0, True) if i in (4, 5, 8, 9) else shown(nats, gentle) for i in range(len(DAYS))]
     found = find_one(logs)
-    assert found.share > 0.85
-    assert found.in_logs.min() > 0.9
-    assert not (found.day > 0 and found.day_probability > 0.7)
+    assert found.share > 0.75
+    assert not (found.day > 0 and found.day_probability > 0.75)
+    if gentle > 5.0:
+        assert found.share > 0.85
+        assert found.in_logs.min() > 0.9
+
+
+def test_a_log_that_names_the_twin_is_not_asked_what_it_would_show_beside_it() -> None:
+    """Of two that can hardly be told apart a drive shows little of the one beside the other."""
+    others = {k: v for k, v in QUIET.items() if k != RIVAL}
+    twin = LogEvidence(
+        {RIVAL: 50.0}, others, {(RIVAL, EFFECT): 49.0}, 64, frozenset(), _sizes([RIVAL], 1.0), _sizes([EFFECT], 0.5)
+    )
+    (found,) = find_occurrences([shown(50.0, 50.0, True)] * 6 + [twin] * 6, DAYS, UNKNOWN_CARS)
+    assert {found.effect, *found.twins} >= {EFFECT, RIVAL} or found.in_logs.min() > 0.5
+
+
+def test_a_power_limit_has_the_size_that_its_law_has() -> None:
+    limit = NamedEffect(effect="motor_power_limit", parameters={"P": Quantity(value=50.0, se=1.0, unit="W")})
+    document = DiagnosisDocument(verdict="named", findings=(limit,))
+    assert LogEvidence.of_diagnosis(document).sizes == {"motor_power_limit": {"inverse_P": pytest.approx(0.02)}}
 
 
 def test_what_is_said_of_fleets_is_as_likely_as_it_is_said() -> None:
@@ -262,10 +282,12 @@ def test_what_is_said_of_fleets_is_as_likely_as_it_is_said() -> None:
         logs = []
         for since in DAYS:
             there = has_one and since >= day and rng.random() < share
-            G = float(np.exp(rng.uniform(np.log(3.0), np.log(300.0))))
+            # driven gently on the first day
+            G = float(np.exp(rng.uniform(np.log(0.1), np.log(10.0 if since == 0 else 300.0))))
             z = float(rng.normal() + (np.sqrt(2.0 * G) if there else 0.0))
-            nats = 0.5 * z**2 - 3.0
-            chance = {name: 0.5 * rng.normal() ** 2 - 3.0 for name in QUIET}
+            price = log().price(EFFECT)
+            nats = 0.5 * z**2 - price
+            chance = {name: 0.5 * rng.normal() ** 2 - price for name in QUIET}
             wrong = {REST[int(rng.integers(8))]: 25.0} if rng.random() < 0.02 else {}
             named = {EFFECT: nats} if nats > 12.0 and rng.random() > 0.02 else {}
             others = {k: v for k, v in (chance | {EFFECT: nats}).items() if k not in named | wrong}
@@ -281,7 +303,7 @@ def test_what_is_said_of_fleets_is_as_likely_as_it_is_said() -> None:
                 right_day += f.day == day
                 within += f.share_interval[0] <= share <= f.share_interval[1]
     assert false <= 0.05 * said
-    assert had > 60
+    assert had > 30
     assert right_day == pytest.approx(told_day, abs=2.5 * np.sqrt(had * 0.16))
     assert within > 0.8 * had
 
@@ -315,6 +337,8 @@ def test_a_log_that_has_an_effect_and_does_not_name_it_moves_no_parameter() -> N
     assert [e.effect for e in together.effects] == ["rough_patch"]
     assert together.effects[0].in_logs["log_5"] > 0.5
     assert not together.moved
+    assert together.left_out == ("log_5", "log_6")
+    assert fleet_sentences(fleet_document(logs))[-1].startswith("Parameters count without log_5 and log_6")
     (K_t,) = [p for p in together.parameters if p.symbol == "K_t"]
     assert {value.log for value in K_t.logs} == {f"log_{i}" for i in range(12) if i not in HAVING[:2]}
 
@@ -477,7 +501,7 @@ def diagnosed_log(i: int, K_t: float) -> DiagnosedLog:
     has_it = i in HAVING
     patch = {"b": Quantity(value=30.0, se=1.0, unit="kg s^-1"), "x": Quantity(value=1.0 + i, se=0.01, unit="m")}
     document = DiagnosisDocument(
-        verdict="named" if has_it else "nothing-found",
+        verdict="named" if has_it else "nothing-found", simulation=REFITTED,
         findings=(NamedEffect(effect="rough_patch", gain_nats=30.0, parameters=patch),) if has_it else (),
         rivals=(Rival(effects=("floor_slope",), behind_nats=12.0),) if has_it else (), stretches=64,
         others_nats={k: v for k, v in (QUIET | {"rough_patch": -6.0}).items() if k != "rough_patch" or not has_it},

@@ -107,7 +107,7 @@ def test_where_the_noise_is_not_known_nothing_is_said_to_stay_unexplained() -> N
 def test_where_something_has_no_name_the_errors_are_said_to_be_too_small() -> None:
     unknown = UnknownPart(channel="mz", depends_on=("yaw_rate",))
     text = " ".join(remainder_sentences(document(unknown=unknown)))
-    assert "yaw moment (mz), with the yaw rate: so ± are narrower than the truth" in text
+    assert "yaw moment (mz), with the yaw rate: so ± are too small" in text
 
 
 def test_what_to_do_next_names_deeds_drives_and_what_was_not_shown() -> None:
@@ -152,7 +152,9 @@ def test_what_no_error_shows_but_poses_do_is_told_as_such() -> None:
     unknown = UnknownPart(channel="pose", gain_nats=97.0)
     error, rest = remainder_sentences(document(unknown=unknown, error_budget=budget(certain=False)))
     assert error.startswith("Nothing of the error is left for certain")
-    assert rest.startswith("Too small to show in predictions, something without a name")
+    assert rest.startswith(
+        "In the recorded poses, which show smaller differences than this error does, something without"
+    )
     _, rest = remainder_sentences(document(unknown=unknown))
     assert rest.startswith("Something without a name still acts on the tracked pose")
 

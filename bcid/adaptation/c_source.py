@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bcid.adaptation.filter import CompiledFilter, FilterNoise, first_variances, settling_periods
+from bcid.adaptation.filter import CompiledFilter, FilterNoise, first_variances, settling_poses
 from bcid.adaptation.filter_run import BOUND_ROUNDS, JUMP_POSES, OUTLIER
 from bcid.adaptation.formulas import AdaptiveFormulas
 from bcid.aliases import Floats, Ints
@@ -37,12 +37,12 @@ extern "C" {{
 typedef struct {{
     double z[{N}];
     double P[{N}][{N}];
-    int settling; /* periods in which nothing more is learnt of the quantities */
+    int settling; /* poses from which nothing more is learnt of the quantities */
 }} {name}_adapt_filter;
 
 /* Begin at a pose, a twist [v_x, v_y (m/s), yaw rate (rad/s)] and a steering angle (rad); the past is not known.  The
- * twist is NULL, and the angle not a number, where nobody knows them: then poses show them, and for a second nothing
- * else is learnt. */
+ * twist is NULL, and the angle not a number, where nobody knows them: then poses show them, and nothing else is learnt
+ * from those of the first second. */
 void {name}_adapt_init({name}_adapt_filter *f, const double pose[3], const double *twist, double delta);
 
 /* Begin anew after a gap of so many seconds (0 or more) since the last step: the state is lost, and what is known of
@@ -185,8 +185,10 @@ void {name}_adapt_step({name}_adapt_filter *f, const double u[2], const double *
     forget(f, FORGOTTEN);
     predict_covariance(f->P, F);
     for (i = 0; i < NX; ++i) f->z[i] = x[i];
-    if (pose != NULL && pose[0] == pose[0] && pose[1] == pose[1] && pose[2] == pose[2]) update(f, pose);
-    if (f->settling > 0) --f->settling;
+    if (pose != NULL && pose[0] == pose[0] && pose[1] == pose[1] && pose[2] == pose[2]) {{
+        update(f, pose);
+        if (f->settling > 0) --f->settling;
+    }}
 }}
 """
 
@@ -223,7 +225,7 @@ def write_adapt_source(name: str, about: str, formulas: AdaptiveFormulas, f: Com
         + "".join(f"#define {name} {place}\n" for name, place in zip(("V_X", "V_Y", "YAW_RATE"), f.twist, strict=True))
         + f"#define WHEELBASE_M {f.wheelbase_m!r}\n#define LEAST_MPS {f.least_mps!r}\n"
         f"#define OUTLIER {OUTLIER!r}\n#define JUMP_POSES {float(JUMP_POSES)!r}\n"
-        f"#define SETTLING {settling_periods(formulas)}\n"
+        f"#define SETTLING {settling_poses(formulas)}\n"
         f"#define BOUND_ROUNDS {BOUND_ROUNDS}\n#define PI 3.141592653589793\n",
         "".join(f"static const double {key} = {C.number(value)};\n" for key, value in parameters.items()),
         _table("quantities", [q.start for q in formulas.quantities]),

@@ -14,18 +14,18 @@ poses, after which the state x begins anew, they forget by the same rule, with t
 
 At a pose y the three numbers enter one after the other: e = y - h(z), s = H P H' + r^2, K = P H'/s, z + K e,
 P - s K K'.  An innovation of more than `OUTLIER` standard deviations counts as one of so many: s is then
-e^2 / OUTLIER^2, and a wrong pose moves the state by a bounded amount.  Where the car is becomes as uncertain as if one
-in `JUMP_POSES` such poses were right: a single one changes nothing, as the next pose says where the car is; after some
-that agree, as where the origin of the tracking system was moved, the car is where they say.  A quantity that leaves its
-bounds is set to the bound, and all others go with it by their covariance (Simon 2010, Kalman filtering with state
-constraints, IET Control Theory & Applications 4, section 2.4).  `filter_run` computes all this.
+e^2 / OUTLIER^2, and a wrong pose moves the state by a bounded amount.  After it the variance of where the car is is
+e^2 / OUTLIER^2 / `JUMP_POSES` more: a single wrong pose changes nothing, as the next one says where the car is; after
+some that agree, as where the origin of the tracking system was moved, the car is where they say.  A quantity that
+leaves its bounds is set to the bound, and all others go with it by their covariance (Simon 2010, Kalman filtering with
+state constraints, IET Control Theory & Applications 4, section 2.4).  `filter_run` computes all this.
 
 While the car stands, with v_x^2 + v_y^2 + (L yaw rate)^2 below the square of `least_mps`, L the wheelbase, a pose moves
 the state x alone: K is 0 for the quantities, and P_qq stays (Schmidt 1966, Application of state-space methods to
 navigation problems, Advances in Control Systems 3).  A car that stands is not pushed as one that drives, so that it
-would seem to lose speed faster than the model says, and thus to be lighter.  So it is for `SETTLING_S` after a start at
-which nobody knew twist or steering angle: formulas bend too much for P to hold there, and what the start gets wrong
-would be learnt.
+would seem to lose speed faster than the model says, and thus to be lighter.  So it is after a start at which nobody
+knew twist or steering angle, for as many poses as come in `SETTLING_S`: formulas bend too much for P to hold there, and
+what the start gets wrong would be learnt.
 """
 
 from __future__ import annotations
@@ -116,8 +116,8 @@ def assume_noise(f: CompiledFilter, formulas: AdaptiveFormulas, noise: FilterNoi
     return f._replace(Q=Q, r2=noise.pose_sd**2, forgotten=share_forgotten(T, noise))
 
 
-def settling_periods(formulas: AdaptiveFormulas) -> int:
-    """The periods in which nothing is learnt of the quantities after a start at which twist or angle is unknown."""
+def settling_poses(formulas: AdaptiveFormulas) -> int:
+    """The poses from which nothing is learnt of the quantities after a start at which twist or angle is unknown."""
     return round(SETTLING_S / formulas.period_s)
 
 

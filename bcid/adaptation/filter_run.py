@@ -16,8 +16,8 @@ from bcid.physics.kinematics import wrap_angle
 OUTLIER = 4.0
 """Standard deviations from which on an innovation is taken for a wrong pose: one in 16,000 by chance."""
 JUMP_POSES = 5
-"""Poses in a row, each taken for wrong, after which they are right and the car is elsewhere: a quarter of a second at
-20 poses a second, in which a car that is driven may be lost, and in which an occluded marker is rarely swapped."""
+"""Poses in a row, each taken for wrong, after which the car is where they say: at 20 a second, a quarter of a second.
+After one the place is so uncertain that a second moves the car by this part of the way there, and no quantity."""
 BOUND_ROUNDS = 3
 """Times that quantities beyond their bounds are set back together: each may take others along."""
 
@@ -38,7 +38,7 @@ def run_filter(
     """Run the filter over M periods: `commands` (M, 2), each held for a period, and `poses` (M, 3) at the end of each.
 
     `z` (N,) and `P` (N, N) are state and covariance before the first, and after the last on return.  A pose that is NaN
-    is passed over.  In the first `settling` periods nothing is learnt of the quantities.
+    is passed over.  From the first `settling` poses nothing is learnt of the quantities.
     """
     M, N, n = len(commands), len(z), len(f.F)
     states, variances, innovations = np.empty((M, N)), np.empty((M, N)), np.full((M, 3), np.nan)
@@ -55,7 +55,8 @@ def run_filter(
         predict_covariance(F, P, FP, f.Q)
         z[:n] = x[:n]
         if not math.isnan(poses[k, 0] + poses[k, 1] + poses[k, 2]):
-            total += update(f, z, P, poses[k], inputs, pose_places, h, H, PH, innovations[k], k >= settling)
+            total += update(f, z, P, poses[k], inputs, pose_places, h, H, PH, innovations[k], settling <= 0)
+            settling -= 1
         for i in range(N):
             states[k, i], variances[k, i] = z[i], P[i, i]
     return FilterRun(states, variances, innovations, total)

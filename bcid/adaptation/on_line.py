@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bcid.adaptation.adapt import Adaptation
-from bcid.adaptation.filter import PLACE, Knowledge, settling_periods, start_filter
+from bcid.adaptation.filter import PLACE, Knowledge, settling_poses, start_filter
 from bcid.adaptation.filter_run import run_filter
 from bcid.adaptation.quantities import with_quantities
 from bcid.aliases import Floats
@@ -76,7 +76,7 @@ class CarUnderWay:
     ) -> None:  # fmt: skip
         """Begin at a measured pose, twist and steering angle, `gap_s` (s) after the end of the adaptation."""
         self.adaptation = adaptation
-        self._settling: int  # periods in which nothing more is learnt of the quantities
+        self._settling: int  # poses from which nothing more is learnt of the quantities
         self._begin(pose, twist, delta, adaptation.track.values[-1], adaptation.track.covariance, gap_s)
 
     def step(self, command: Sequence[float], pose: Sequence[float] | None = None) -> None:
@@ -88,14 +88,15 @@ class CarUnderWay:
         measured = np.full(3, np.nan) if pose is None else _numbers(pose, 3, "a pose")
         given = _numbers(command, 2, "a command")
         run_filter(self.adaptation.filter, self._z, self._P, given[None], measured[None], self._settling)
-        self._settling = max(self._settling - 1, 0)
+        self._settling = max(self._settling - (pose is not None), 0)
 
     def restart(
         self, pose: Sequence[float], gap_s: float, twist: Sequence[float] | None = None, delta: float | None = None
     ) -> None:
         """Begin anew after a gap of `gap_s` (s) without poses, over which what was learnt fades.
 
-        Where twist or steering angle are not known, poses show them, and for a second nothing else is learnt.
+        Where twist or steering angle are not known, poses show them, and nothing else is learnt from those of the first
+        second.
         Where commands are known over the gap, `step` without a pose is better: it goes on with all that is known.
 
         Raises:
@@ -115,7 +116,7 @@ class CarUnderWay:
         moving = None if twist is None else _numbers(twist, 3, "a twist")
         steered = None if delta is None else float(_numbers([delta], 1, "a steering angle")[0])
         self._z, self._P = start_filter(formulas, noise, at, moving, steered, known)
-        self._settling = settling_periods(formulas) if moving is None or steered is None else 0
+        self._settling = settling_poses(formulas) if moving is None or steered is None else 0
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -59,12 +59,12 @@ def diagnose(
     model = DIAGNOSED if not out else page.parent / "model"
     compares = "compares the car with what was found, a newton-euler-augmented, with others"
     sink.note(f"page: {page}\nnext: bcid report --model {model} {compares}")
-    if (page.parent / WITH_REMAINDER).is_dir() and free_functions_help(document.horizons):
+    if (page.parent / WITH_REMAINDER).is_dir() and free_functions_predict_better(document.horizons):
         sink.note(f"{page.parent / WITH_REMAINDER} {describe_free_functions(document.horizons)}")
     work.raise_if_parts_lost()
 
 
-def free_functions_help(horizons: Sequence[HorizonError]) -> bool:
+def free_functions_predict_better(horizons: Sequence[HorizonError]) -> bool:
     """Whether free functions make a held-out error smaller than the names alone, by what two decimals show."""
     return any(h.nmse_remainder < 0.995 * h.nmse_after for h in horizons if h.nmse_remainder and h.nmse_after)
 

@@ -156,11 +156,11 @@ def doubts_of_factors(document: PoolDocument) -> list[str]:
         near = [a for a in document.alternatives if a.named == named and a.nats > -LIMITS.twin_nats]
         if not near:
             continue
-        best = near[0]
+        best, alike = near[0], [a.other for a in near if a.nats > near[0].nats - LIMITS.twin_nats]
         if best.nats > LIMITS.twin_nats:
-            how = f"are {best.nats:.0f} nats likelier if {best.other} differs in its place: --own {best.other}"
+            how = f"are {best.nats:.0f} nats likelier if {join_words(alike, 'or')} differs in its place (--own)"
         else:
-            how = f"do not tell it from {join_words([a.other for a in near], 'or')} (docs/pooling.md)"
+            how = f"do not tell it from {join_words([a.other for a in near], 'or')}"
         sentences.append(f"{named}: the recordings {how}")
     return sentences
 

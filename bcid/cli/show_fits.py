@@ -16,7 +16,7 @@ from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.newton_euler.parameters import (
     BIASED_TWISTS,
     errors_lack_bias,
-    is_identified,
+    stated_errors,
     values_of_constants,
 )
 from bcid.report.formats import format_with_error
@@ -70,11 +70,10 @@ def constant_rows(model: object) -> list[list[str]]:
     if not isinstance(model, NewtonEuler):
         return []
     facts, rows = model.facts, list[list[str]]()
-    values = values_of_constants(model.car, facts)
+    values, errors = values_of_constants(model.car, facts), stated_errors(model.car, facts)
     for symbol, about in facts.get("fitted", {}).items():
-        value, text = values[symbol], "not identified"
-        if is_identified(symbol, facts):
-            text = format_with_error(value, about["relative_se"] * abs(value), about["unit"])
+        error = errors[symbol]
+        text = "not identified" if error is None else format_with_error(values[symbol], error, about["unit"])
         rows.append([symbol, text, about["meaning"]])
     return rows
 

@@ -136,6 +136,7 @@ class FleetDiagnosis(Part):
     effects: tuple[FleetEffect, ...] = ()
     moved: tuple[MovedParameter, ...] = ()  # the most certain first
     parameters: tuple[FleetParameter, ...] = ()
+    left_out: tuple[str, ...] = ()  # logs whose parameters do not count: they have an effect that they do not name
 
 
 class FleetDocument(Document):

@@ -106,6 +106,8 @@ def gym_constants(car: Car, e: Exported) -> list[Row]:
 
 def _tell_error(symbol: str, errors: Mapping[str, float | None]) -> str:
     """How well a constant is known, by the standard `errors` of those that were fitted."""
+    if symbol == "R_2" and "R_v" in errors:
+        return ", from R_1 and the drag at the fastest"
     if symbol not in errors:
         return ""
     error = errors[symbol]

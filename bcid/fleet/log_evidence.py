@@ -30,7 +30,7 @@ class LogEvidence:
     instead: Mapping[tuple[str, str], float]  # by a finding and another effect: that this adds in its place
     stretches: int = 1  # of the log, which say what a parameter of an effect costs
     unseen: frozenset[str] = frozenset()  # effects that the drive does not excite
-    # by effect and parameter, distances from where it is off: those that the log shows, and those expected to add a nat
+    # by effect and parameter, the sizes that the log shows, and those that are expected to add a nat
     sizes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     nat_sizes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
@@ -88,12 +88,14 @@ class LogEvidence:
         Of a log-likelihood -(a - a_i)^2/(2 s^2) of the size a, z^2/2 = a_i^2/(2 s^2) is what the own size adds before
         its price, and G = a^2/(2 s^2) what the other logs' size would: (a/a_1)^2, as this drive is expected to show one
         nat of the size a_1.  So a short or gentle drive is not expected to say what a long and fast one does.  At that
-        size the log gains 2 sqrt(G z^2/2) - G.  Where the drive does not say a_1, as of what has a place, it is `nats`.
+        size, of either sign as likely, the log gains ln cosh(2 sqrt(G z^2/2)) - G; a size that is given has no price.
+        Where the drive does not say a_1, as of what has a place, it is `nats`.
         """
         nat_sizes = self.nat_sizes.get(effect, {})
         G = max(((size / nat_sizes[s]) ** 2 for s, size in usual.items() if nat_sizes.get(s, 0.0) > 0.0), default=0.0)
         own = max(nats + self.price(effect), 0.0)
-        return min(nats, 2.0 * math.sqrt(G * own) - G) if G > 0.0 else nats
+        x = 2.0 * math.sqrt(G * own)
+        return x + math.log1p(math.exp(-2.0 * x)) - math.log(2.0) - G if G > 0.0 else nats
 
     def price(self, effect: str) -> float:
         """Nats that the parameters of an effect cost."""
@@ -109,13 +111,13 @@ class LogEvidence:
 
 
 def _sizes_of(finding: NamedEffect) -> dict[str, float]:
-    """How far the parameters of a finding, but for its place, are from where it is off."""
-    entry = EFFECTS.get(finding.effect)
-    off = {p.symbol: p.off for p in entry.parameters if not p.is_place} if entry else {}
-    return {
-        symbol: abs(q.value - off[symbol])
-        for symbol, q in finding.parameters.items() if symbol in off and q.value is not None
-    }  # fmt: skip
+    """How large the parameters of a finding are, but for its place, as its law has them, not as they are quoted."""
+    entry, sizes = EFFECTS.get(finding.effect), dict[str, float]()
+    for p in entry.parameters if entry else ():
+        quoted = finding.parameters.get(p.inverse_of or p.symbol)
+        if not p.is_place and quoted and quoted.value:
+            sizes[p.symbol] = abs(1.0 / quoted.value if p.inverse_of else quoted.value)
+    return sizes
 
 
 def _finite(pairs: Iterable[tuple[str, float | None]]) -> dict[str, float]:

@@ -152,7 +152,9 @@ def _log_ratio(
     ratios = list[float]()
     for way in log.ways(effect):
         if math.isfinite(way.nats):
-            at_usual = way.nats if effect in log.named else log.at_size(way.nats, effect, usual)
+            # how well the drive shows an effect is known beside all findings, not in the place of one
+            beside_all = effect not in log.named and way.beside == log.named.keys()
+            at_usual = log.at_size(way.nats, effect, usual) if beside_all else way.nats
             # one that is among the findings that stay is there in any case
             there = [(p, names & way.instead.keys()) for names, p in explained if not names & way.beside]
             likely = [(p, max(way.instead[name] for name in names)) for p, names in there if names]

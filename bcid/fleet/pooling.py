@@ -29,6 +29,8 @@ EM_STEPS = 500
 """Steps of expectation and maximisation at most."""
 SETTLED = 1e-6
 """Relative change of all tau below which these have settled."""
+SETTLED_NATS = 1e-4
+"""Gain of a step below which the spreads have settled, too."""
 LEAST_SPREAD = 1e-6
 """Smallest tau, in parts of the first one: a spread that is not there goes to zero, which is never reached."""
 RIDGE = 1e-9
@@ -85,10 +87,13 @@ def pool(summaries: Sequence[Summary], directions: Floats, first_spread: Floats)
     for _ in range(EM_STEPS):
         if np.allclose(spread, before, rtol=SETTLED, atol=0.0):
             break
-        before = spread
+        before, last = spread, pooled.log_likelihood
         spread = np.sqrt((pooled.own**2 + pooled.own_sd**2).mean(axis=0))
         spread = np.maximum(spread, LEAST_SPREAD * first_spread)
         pooled = pool_at(summaries, directions, spread)
+        # one that goes to zero never settles
+        if abs(pooled.log_likelihood - last) < SETTLED_NATS:
+            break
     return pooled
 
 

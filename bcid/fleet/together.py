@@ -62,11 +62,13 @@ def diagnose_together(logs: Sequence[DiagnosedLog], days: Sequence[str]) -> Flee
     index = [driven.index(log.label.day) for log in logs]
     evidence = [LogEvidence.of_diagnosis(log.document) for log in logs]
     occurrences = find_occurrences(evidence, index, [log.label.car for log in logs])
-    parameters, moved = _follow_parameters(logs, driven, occurrences)
+    named = _logs_that_name_what_they_have(logs, occurrences)
+    parameters, moved = _follow_parameters(logs, named, driven, occurrences)
     return FleetDiagnosis(
         days=tuple(driven), without=tuple(day for day in days if day not in driven),
         effects=tuple(_describe_effect(each, logs, evidence, driven) for each in occurrences),
         moved=tuple(moved), parameters=tuple(parameters),
+        left_out=tuple(log.name for log in logs if log not in named),
     )  # fmt: skip
 
 
@@ -88,16 +90,15 @@ def _describe_effect(
 
 
 def _follow_parameters(
-    logs: Sequence[DiagnosedLog], days: Sequence[str], occurrences: Sequence[Occurrence]
+    logs: Sequence[DiagnosedLog], named: Sequence[DiagnosedLog], days: Sequence[str], occurrences: Sequence[Occurrence]
 ) -> tuple[list[FleetParameter], list[MovedParameter]]:
     """The parameters of the car and of the fleet's effects over the logs, and those that are others on a later day.
 
+    Those of the car are of the logs in `named` alone.
     Of the changes that are reported a share of `LIMITS.false_share` is expected to be false; their intervals allow for
     that they were chosen (Benjamini and Yekutieli 2005).
     """
-    series = _car_series(_logs_that_name_what_they_have(logs, occurrences)) + [
-        s for each in occurrences for s in _effect_series(logs, each)
-    ]
+    series = _car_series(named) + [s for each in occurrences for s in _effect_series(logs, each)]
     models = [
         fit_days(
             *s.values_to_compare(), [days.index(log.label.day) for log in s.logs], [log.label.car for log in s.logs]
@@ -138,7 +139,7 @@ def _car_series(logs: Sequence[DiagnosedLog]) -> list[_Series]:
     """
     tables = [
         {
-            p.symbol: p.of_recording if log.document.simulation else p
+            p.symbol: p.of_recording if log.document.compared == "simulation" else p
             for p in log.document.base.parameters if p.shown and not p.at_bound
         }
         for log in logs

@@ -161,10 +161,7 @@ def _describe_rest(unknown: UnknownPart | None, in_error: bool) -> str:
     if unknown is None:
         return ""
     lead = "Something more" if in_error else "Too small to show in predictions, something more"
-    return (
-        f"{lead} is left that no named effect explains: {_describe_unknown(unknown)}. "
-        "So each ± is narrower than the truth."
-    )
+    return f"{lead} is left that no named effect explains: {_describe_unknown(unknown)}. So each ± is too small."
 
 
 def _describe_change(fit: FitSummary) -> str:

@@ -7,18 +7,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats
 from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.documents.diagnosis import Detectable, NotExcited
 from bcid.effects.entry import VehicleScale
 from bcid.effects.table import EFFECTS
 from bcid.experiment.detectability import (
-    PlacedAmplitude,
     amplitudes_at_typical_places,
     expected_gains_nats,
     required_gain_nats,
     solve_smallest_sizes,
 )
+from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
@@ -28,7 +27,7 @@ class Excitation(NamedTuple):
     """How well a drive shows the effects that are not in a fit."""
 
     not_excited: tuple[NotExcited, ...]
-    # by effect and parameter, the distance from where it is off at which one nat is expected; none of what has a place
+    # by effect and parameter, the size at which one nat is expected; none of what has a place
     nat_sizes: Mapping[str, Mapping[str, float]]
 
 
@@ -54,7 +53,7 @@ def measure_excitation(fit: Fit, take: Take, units: VehicleScale, gate_nats: flo
         key = (a.effect, a.parameter.symbol)
         best[key] = max(best.get(key, i), i, key=lambda j: gains[j])
     missed = [i for i in best.values() if gains[i] < required[i]]
-    nat_sizes = _sizes_of_a_nat(amplitudes, gains)
+    nat_sizes = _sizes_of_a_nat(fit, take, at_speed, names)
     if not missed:
         return Excitation((), nat_sizes)
     rows, chosen = [], [amplitudes[i] for i in missed]
@@ -65,11 +64,16 @@ def measure_excitation(fit: Fit, take: Take, units: VehicleScale, gate_nats: flo
     return Excitation(tuple(rows), nat_sizes)
 
 
-def _sizes_of_a_nat(amplitudes: Sequence[PlacedAmplitude], gains: Floats) -> dict[str, dict[str, float]]:
-    """The sizes of effects without a place at which one nat is expected, as gains grow with the square of a size."""
+def _sizes_of_a_nat(fit: Fit, take: Take, hypothesis: Hypothesis, names: Sequence[str]) -> dict[str, dict[str, float]]:
+    """The sizes of the effects `names` at which one nat is expected, of those without a place.
+
+    Expected gains, of usual sizes, are taken to grow with the square of a size: as they do near these, but for laws
+    with a threshold, which far below it show nothing.
+    """
+    placeless = [name for name in names if not hypothesis.entries[name].place_parameters]
+    amplitudes = amplitudes_at_typical_places(placeless, take, hypothesis)
     sizes = dict[str, dict[str, float]]()
-    for a, gain in zip(amplitudes, gains.tolist(), strict=True):
-        if gain > LIKELIHOOD_LIMITS.min_information and not EFFECTS[a.effect].place_parameters:
-            size = abs(a.values[a.parameter_index] - a.parameter.off)
-            sizes.setdefault(a.effect, {})[a.parameter.symbol] = size / math.sqrt(gain)
+    for a, gain in zip(amplitudes, expected_gains_nats(fit, take, amplitudes).tolist(), strict=True):
+        if gain > LIKELIHOOD_LIMITS.min_information:
+            sizes.setdefault(a.effect, {})[a.parameter.symbol] = abs(a.values[a.parameter_index]) / math.sqrt(gain)
     return sizes

@@ -169,7 +169,7 @@ def is_identified(symbol: str, facts: Mapping[str, Any]) -> bool:
 def stated_errors(car: Car, facts: Mapping[str, Any]) -> dict[str, float | None]:
     """Standard errors of the fitted constants by symbol, in their units, by the `facts` of a fit or of a diagnosis.
 
-    None where the recordings do not identify a constant; for drag, which may be zero, any error counts.
+    None where the recordings do not identify a constant.  Of a diagnosis any error of drag, which may be zero, counts.
     """
     values = values_of_constants(car, facts)
     errors = {
