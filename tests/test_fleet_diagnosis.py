@@ -338,7 +338,7 @@ def test_a_log_that_has_an_effect_and_does_not_name_it_moves_no_parameter() -> N
     assert together.effects[0].in_logs["log_5"] > 0.5
     assert not together.moved
     assert together.left_out == ("log_5", "log_6")
-    assert fleet_sentences(fleet_document(logs))[-1].startswith("Parameters count without log_5 and log_6")
+    assert fleet_sentences(fleet_document(logs))[-1].startswith("Parameters are compared without log_5 and log_6")
     (K_t,) = [p for p in together.parameters if p.symbol == "K_t"]
     assert {value.log for value in K_t.logs} == {f"log_{i}" for i in range(12) if i not in HAVING[:2]}
 

@@ -152,9 +152,7 @@ def test_what_no_error_shows_but_poses_do_is_told_as_such() -> None:
     unknown = UnknownPart(channel="pose", gain_nats=97.0)
     error, rest = remainder_sentences(document(unknown=unknown, error_budget=budget(certain=False)))
     assert error.startswith("Nothing of the error is left for certain")
-    assert rest.startswith(
-        "In the recorded poses, which show smaller differences than this error does, something without"
-    )
+    assert rest.startswith("In the recorded poses, which show more than this error does, something without a name")
     _, rest = remainder_sentences(document(unknown=unknown))
     assert rest.startswith("Something without a name still acts on the tracked pose")
 

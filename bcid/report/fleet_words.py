@@ -63,10 +63,10 @@ def day_sentences(together: FleetDiagnosis, day_of: Mapping[str, str]) -> list[s
             else f"{day}: no parameter is shown to be another than on {first}."
         )  # fmt: skip
     unknown = [f"{join_words(together.without)}: no log was diagnosed."] if together.without else []
-    if out := together.left_out:
-        have = "have" if len(out) > 1 else "has"
+    if together.left_out:
+        named = join_words(together.left_out)
         unknown.append(
-            f"Parameters count without {join_words(out)}: what the fleet has is there, too, and {have} no name."
+            f"Parameters are compared without {named}: an effect of the fleet that is there has no name there."
         )
     return [*sentences, *unknown]
 

@@ -108,11 +108,7 @@ def _unknown_sentence(d: DiagnosisDocument, in_error: bool) -> str:
     where = f" on the {channel}" if channel else ""
     where += f", with the {depends}" if depends else ""
     still = "still " if d.findings else ""
-    lead = (
-        "Something"
-        if in_error
-        else "In the recorded poses, which show smaller differences than this error does, something"
-    )
+    lead = "Something" if in_error else "In the recorded poses, which show more than this error does, something"
     return (
         f"{lead} without a name {still}acts{where}: so ± are too small, since they hold only where nothing is missing."
     )
