@@ -47,8 +47,6 @@ class SearchLimits:
     plain_candidates: int = 2
     # Standard errors from zero at which a correction of the base model is certain.
     certain_se: float = 8.0
-    # Share of a take at each end in which a change of the car only makes up for wrong base parameters.
-    edge_share: float = 0.08
     # Effects for which each name is exchanged, best score first.
     max_exchanges: int = 3
     # Nats that a wave must gain beyond the price of its choice.  Half and twice of it change no verdict of 60 takes.
@@ -146,8 +144,8 @@ DECIDING_LIMITS = {
 
 Those of JUDGE_LIMITS are used after the search only.  Of the others some say how results are shown or how sure they are
 said to be (`max_twins`, `probability_temper`, `unexcited_sizes`), some how far a computation goes (`max_candidates`,
-`max_exchanges`, `max_effects`, `plain_candidates`, `needed_sd`), some how a scatter is estimated (`max_block_s`,
-`min_blocks`), and one what makes no sense (`edge_share`).
+`max_exchanges`, `max_effects`, `plain_candidates`, `needed_sd`), and some how a scatter is estimated
+(`max_block_s`, `min_blocks`).
 """
 
 

@@ -15,7 +15,9 @@ class LikelihoodLimits:
     # segments' residuals: of S there are 2^(S - 1) that differ by more than one common sign, a thousand from S = 11 on;
     # of fewer the draws repeat each other.  Scatter is estimated over 12 blocks (`min_blocks` of a diagnosis), each of
     # which needs a segment.  Numbers are no bound: half of 12 segments have some 180 more than there are initial states
-    # and pushes, at the least coverage, and a hypothesis of six names has some 40 parameters.
+    # and pushes, at the least coverage, and a hypothesis of six names has some 40 parameters.  So many must lie before,
+    # and after, a change in time: of two minutes of the DART's three changes of mass were named 7 to 10 s after the
+    # start (before, a change within 8 % of either end was refused).
     min_segments: int = 12
     # Share of a segment's groups of poses that have to be there.  Not yet justified.
     min_coverage: float = 0.6

@@ -14,6 +14,7 @@ from bcid.effects.entry import Effect, Parameter
 from bcid.effects.table import EFFECTS, ENTRIES, effect_ids
 from bcid.likelihood.divergence import map_converged, none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.linearised_segments import (
     LinearisedSegments,
     linearise_with_pushes,
@@ -229,16 +230,16 @@ def first_order_nats(fit: Fit, name: str) -> float:
 def effects_at_bounds(fit: Fit, take: Take) -> tuple[str, ...]:
     """Ids of the named effects of `fit` with an implausible size: a signed amplitude that ended at a bound.
 
-    Included are changes whose fitted time lies within `SEARCH_LIMITS.edge_share` of either end of a take: they only
-    make up for wrong base parameters.
+    Included are changes before or after which there are fewer segments than a recording needs to be judged at all: they
+    stand for whatever is particular to those few, or make up for wrong base parameters.
     """
-    values, length_s = fit.hypothesis.effect_values(fit.phi), float(np.max(take.length_s))
-    edge = SEARCH_LIMITS.edge_share
+    values = fit.hypothesis.effect_values(fit.phi)
 
     def is_at_bound(field: str, p: Parameter) -> bool:
-        """Whether one parameter of the fit ended at a bound, or a time at an end of the take."""
+        """Whether one parameter of the fit ended at a bound, or a time near an end of the take."""
         if p.symbol == "t_s":
-            return not edge * length_s < values[field] < (1.0 - edge) * length_s
+            before = int((take.begin_s - take.zero_s < values[field]).sum())
+            return min(before, take.segments - before) < LIKELIHOOD_LIMITS.min_segments
         return p.low < 0.0 and not p.is_place and p.is_at_bound(values[field])
 
     at_bounds = effect_ids(field for field, p in fit.hypothesis.effect_parameters if is_at_bound(field, p))
