@@ -505,6 +505,21 @@ def test_the_docs_tell_what_free_functions_predict_of_real_drives() -> None:
     assert f"On {len(helped)} of {len(drives)} drives" in page
 
 
+def test_the_docs_tell_how_far_the_last_sealed_run_came() -> None:
+    proof = ProveDocument.read(DOCS / "results" / "prove_two_hours.json")
+    text = " ".join((DOCS / "evidence.md").read_text(encoding="utf-8").split())
+    assert f"{proof.pooled.right} are answered rightly, where {proof.pooled.expected:.1f} are wanted" in text
+    assert f"got through {proof.pooled.n} of its {proof.of} takes" in text
+    assert f"seed {proof.seed}" in text
+    right = {t.tier: (round((t.right or 0.0) * t.n), t.n) for t in proof.tiers}
+    nothing = [right[tier] for tier in ("null", "null-imperfect", "small-null")]
+    one = [right[tier] for tier in ("single", "single-imperfect", "small-exact", "small-plus")]
+    for tiers, words in ((nothing, "all {} cars without an effect"), (one, "all {} of one effect")):
+        assert all(r == n for r, n in tiers)
+        assert words.format(sum(n for _, n in tiers)) in text
+    assert (right["other-laws-less"], right["outside"], right["left-out"]) == ((0, 4), (3, 5), (1, 2))
+
+
 def test_the_docs_tell_what_memory_large_recordings_take() -> None:
     rows = json.loads((DOCS / "results" / "memory.json").read_text(encoding="utf-8"))["rows"]
     assert {(row["kind"], row["command"]) for row in rows} == {(kind, command) for kind, _, _, command in ROWS}
