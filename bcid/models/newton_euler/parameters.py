@@ -16,7 +16,7 @@ from bcid.vehicle import Vehicle
 
 GRAVITY = 9.81  # m/s^2
 
-BIASED_TWISTS = "± leave out that smoothed velocities bias the constants: for these use --loss poses"
+BIASED_TWISTS = "± leave out that smoothed velocities bias the fit: for constants use --loss poses"
 """What must be known of the errors of constants that were fitted to smoothed velocities, by one of twists' losses."""
 TOP_SPEED_QUANTILE = 0.999  # of the speeds driven
 # Constants at which a force is cut off: predictions of a take that never reaches one do not depend on it.
