@@ -284,7 +284,7 @@ def test_a_simulation_is_said_only_of_what_somebody_gave() -> None:
     d = named()[0]
     assert "simulation" not in verdict_sentence(d)
     assert verdict_sentence(d | {"simulation": "published.toml"}).startswith("Missing in the simulation: rough patch")
-    assert DiagnosisDocument.model_validate(d).compared == "model"
+    assert DiagnosisDocument.model_validate(d).compared_with == "model"
 
 
 def test_the_page_says_from_where_the_next_drive_sets_off(tmp_path: Path) -> None:

@@ -257,7 +257,7 @@ def test_gentle_drives_do_not_count_against_what_they_hardly_show(gentle: float)
 
 
 def test_a_log_that_names_the_twin_is_not_asked_what_it_would_show_beside_it() -> None:
-    """Of two that can hardly be told apart a drive shows little of the one beside the other."""
+    """A drive shows little of an effect beside its twin, from which it can hardly be told."""
     others = {k: v for k, v in QUIET.items() if k != RIVAL}
     twin = LogEvidence(
         {RIVAL: 50.0}, others, {(RIVAL, EFFECT): 49.0}, 64, frozenset(), _sizes([RIVAL], 1.0), _sizes([EFFECT], 0.5)

@@ -71,7 +71,7 @@ def test_a_load_on_tyres_that_grip_the_better_for_it_is_not_taken_for_none(summa
 
 
 def test_what_may_stand_in_a_factor_s_place_is_said() -> None:
-    def told(*nats: float) -> list[str]:
+    def doubts_at(*nats: float) -> list[str]:
         others = [
             PooledAlternative(named="mass", other=o, nats=n) for o, n in zip(("load", "motor"), nats, strict=True)
         ]
@@ -79,11 +79,11 @@ def test_what_may_stand_in_a_factor_s_place_is_said() -> None:
             PoolDocument(vehicle="car", constants=(), recordings=(), spreads={"mass": 0.1}, alternatives=tuple(others))
         )
 
-    assert told(31.0, 20.0) == ["mass: the recordings are 31 nats likelier if load differs in its place (--own)"]
+    assert doubts_at(31.0, 20.0) == ["mass: the recordings are 31 nats likelier if load differs in its place (--own)"]
     # a load on such tyres, or an empty battery
-    assert told(31.0, 30.0)[0].endswith("if load or motor differs in its place (--own)")
-    assert told(1.0, -3.0) == ["mass: the recordings do not tell it from load or motor"]
-    assert told(-9.0, -30.0) == []
+    assert doubts_at(31.0, 30.0)[0].endswith("if load or motor differs in its place (--own)")
+    assert doubts_at(1.0, -3.0) == ["mass: the recordings do not tell it from load or motor"]
+    assert doubts_at(-9.0, -30.0) == []
 
 
 def test_what_is_said_twice_differs_once(summaries: list[CarSummary]) -> None:

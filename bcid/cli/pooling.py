@@ -11,7 +11,6 @@ import typer
 from bcid.cli import options
 from bcid.cli.options import Format
 from bcid.errors import InputRefused, PartLost, Problems, UsageError
-from bcid.fleet.limits import LIMITS
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -149,6 +148,7 @@ def _find_references(reference: Sequence[Path], paths: Sequence[Path]) -> list[P
 
 def doubts_of_factors(document: PoolDocument) -> list[str]:
     """What may as well differ between the recordings in the place of each factor, a sentence for each."""
+    from bcid.fleet.limits import LIMITS
     from bcid.report.formats import join_words
 
     sentences = []

@@ -290,7 +290,7 @@ class DiagnosisDocument(Document):
     error_budget: ErrorBudget | None = None  # of earlier diagnoses, and where no prediction stays finite, null
 
     @property
-    def compared(self) -> str:
+    def compared_with(self) -> str:
         """What the recordings are compared with, in a word: a simulation that was given, or else a fitted model."""
         return "model" if self.simulation in ("", REFITTED) else "simulation"
 

@@ -71,8 +71,8 @@ def write_parameter_file(e: Exported) -> str:
     car = getattr(e.model, "car", None)
     if not isinstance(car, Car):
         raise UsageError(f"{e.model.name} has no constants of a car\n  next: export newton-euler, or a diagnosis")
-    gym = gym_constants(car, e)
     errors = stated_errors(car, getattr(e.model, "facts", {}))
+    gym = gym_constants(car, e, errors)
     fitted = [
         Row(symbol, getattr(car, symbol), f"{unit}{_tell_error(symbol, errors)}")
         for symbol, unit in constant_units(car).items()
@@ -86,12 +86,11 @@ def write_parameter_file(e: Exported) -> str:
     return "\n".join(blocks)
 
 
-def gym_constants(car: Car, e: Exported) -> list[Row]:
-    """The constants of the F1TENTH gym's single-track model for `car`, in its order."""
+def gym_constants(car: Car, e: Exported, errors: Mapping[str, float | None]) -> list[Row]:
+    """The constants of the F1TENTH gym's single-track model for `car`, in its order; `errors` are as stated."""
     wheelbase = car.l_f + car.l_r
     load_f, load_r = (car.m * GRAVITY * lever / wheelbase for lever in (car.l_r, car.l_f))
     mu = (car.F_f_max + car.F_r_max) / (car.m * GRAVITY)
-    errors = stated_errors(car, getattr(e.model, "facts", {}))
     guessed = [symbol for symbol in ("F_f_max", "F_r_max") if symbol in errors and errors[symbol] is None]
     doubt = f"; a guess, as {' and '.join(guessed)} is not identified: mu C_S alone counts" if guessed else ""
     return [

@@ -63,12 +63,13 @@ def diagnose_together(logs: Sequence[DiagnosedLog], days: Sequence[str]) -> Flee
     evidence = [LogEvidence.of_diagnosis(log.document) for log in logs]
     occurrences = find_occurrences(evidence, index, [log.label.car for log in logs])
     named = _logs_that_name_what_they_have(logs, occurrences)
+    followed = {log.name for log in named}
     parameters, moved = _follow_parameters(logs, named, driven, occurrences)
     return FleetDiagnosis(
         days=tuple(driven), without=tuple(day for day in days if day not in driven),
         effects=tuple(_describe_effect(each, logs, evidence, driven) for each in occurrences),
         moved=tuple(moved), parameters=tuple(parameters),
-        left_out=tuple(log.name for log in logs if log not in named),
+        left_out=tuple(log.name for log in logs if log.name not in followed),
     )  # fmt: skip
 
 
@@ -139,7 +140,7 @@ def _car_series(logs: Sequence[DiagnosedLog]) -> list[_Series]:
     """
     tables = [
         {
-            p.symbol: p.of_recording if log.document.compared == "simulation" else p
+            p.symbol: p.of_recording if log.document.compared_with == "simulation" else p
             for p in log.document.base.parameters if p.shown and not p.at_bound
         }
         for log in logs

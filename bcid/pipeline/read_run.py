@@ -15,7 +15,7 @@ from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.newton_euler.parameters import (
     constant_units,
-    is_identified,
+    stated_errors,
     values_of_constants,
 )
 from bcid.models.saving import load_model
@@ -121,11 +121,11 @@ def _from_model(name: str, folder: Path) -> ComparableModel | None:
 def _constants_of_fit(model: NewtonEuler) -> dict[str, KnownConstant]:
     """The constants of a fitted car that its takes identify."""
     facts = model.facts
-    values = values_of_constants(model.car, facts)
+    values, errors = values_of_constants(model.car, facts), stated_errors(model.car, facts)
     return {
-        symbol: KnownConstant(values[symbol], about["relative_se"] * abs(values[symbol]), about["unit"])
+        symbol: KnownConstant(values[symbol], error, about["unit"])
         for symbol, about in facts.get("fitted", {}).items()
-        if is_identified(symbol, facts)
+        if (error := errors[symbol]) is not None
     }
 
 

@@ -87,20 +87,21 @@ def create_floor_panel(width: float, height: float, title: str, below: float = 0
     return figure, ax
 
 
+LEGEND = {
+    "fontsize": TEXT_SIZE - 0.5, "frameon": False, "labelcolor": INK, "borderaxespad": 0.2, "handlelength": 2.2,
+    "columnspacing": 1.4,
+}  # fmt: skip
+"""How legends look, wherever they stand."""
+
+
 def add_legend(ax: Any, columns: int = 3) -> None:
     """A legend of `ax` in one or more rows above its frame."""
-    ax.legend(
-        fontsize=TEXT_SIZE - 0.5, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, frameon=False,
-        labelcolor=INK, borderaxespad=0.2, handlelength=2.2, columnspacing=1.4,
-    )  # fmt: skip
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, **LEGEND)
 
 
 def add_legend_above(figure: Figure) -> None:
     """A legend of all that a figure of one panel shows, above it, from its left edge on: as wide as the figure."""
-    figure.legend(
-        fontsize=TEXT_SIZE - 0.5, loc="outside upper left", ncols=3, frameon=False, labelcolor=INK, borderaxespad=0.2,
-        handlelength=2.2, columnspacing=1.4,
-    )  # fmt: skip
+    figure.legend(loc="outside upper left", ncols=3, **LEGEND)
 
 
 def render_svg(figure: Figure, label: str) -> Markup:

@@ -74,7 +74,7 @@ def short_take_sentence(d: DiagnosisDocument) -> str:
 def _word_named_effects(d: DiagnosisDocument) -> str:
     """The verdict "named" as a sentence: all effects found, the improvement, and what remains unexplained."""
     kinds = {f.kind for f in d.findings}
-    lead = "The recording is off, not the vehicle" if kinds == {"measurement"} else f"Missing in the {d.compared}"
+    lead = "The recording is off, not the vehicle" if kinds == {"measurement"} else f"Missing in the {d.compared_with}"
     items = "; ".join(_describe_finding(f, kinds) for f in d.findings)
     return f"{lead}: {items}. {_describe_improvement(d, 'With it' if len(d.findings) == 1 else 'With them')}".rstrip()
 
@@ -87,7 +87,7 @@ def _word_ambiguous_effects(d: DiagnosisDocument) -> str:
         f"{_describe_finding(f, kinds)}, or instead {formats.join_words(list(map(plain_name, f.twins)), 'or')}"
         for f in d.findings if f.twins
     ]  # fmt: skip
-    certain = f"Missing in the {d.compared}: {'; '.join(alone)}. " if alone else ""
+    certain = f"Missing in the {d.compared_with}: {'; '.join(alone)}. " if alone else ""
     more = "Something more" if alone else "Something"
     missing = f"{more} is missing, and this recording cannot tell which"
     if kinds == {"measurement"} and not alone:

@@ -7,17 +7,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bcid.aliases import Floats
 from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.documents.diagnosis import Detectable, NotExcited
 from bcid.effects.entry import VehicleScale
 from bcid.effects.table import EFFECTS
 from bcid.experiment.detectability import (
+    PlacedAmplitude,
     amplitudes_at_typical_places,
     expected_gains_nats,
     required_gain_nats,
     solve_smallest_sizes,
 )
-from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
@@ -42,18 +43,19 @@ def measure_excitation(fit: Fit, take: Take, units: VehicleScale, gate_nats: flo
     """
     at_speed = replace(fit.hypothesis, units=units)
     names = [n for n in EFFECTS if n in at_speed.entries and n not in at_speed.effects]
+    usual = amplitudes_at_typical_places(names, take, at_speed)
+    placeless = [a for a in usual if not at_speed.entries[a.effect].place_parameters]
     amplitudes = [
-        a.with_size(min(JUDGE_LIMITS.unexcited_sizes * a.values[a.parameter_index], a.parameter.high))
-        for a in amplitudes_at_typical_places(names, take, at_speed)
+        a.with_size(min(JUDGE_LIMITS.unexcited_sizes * a.values[a.parameter_index], a.parameter.high)) for a in usual
     ]
     required = np.array([required_gain_nats(at_speed.entries[a.effect], take.segments, gate_nats) for a in amplitudes])
-    gains = expected_gains_nats(fit, take, amplitudes)
+    gains, of_usual = np.split(expected_gains_nats(fit, take, [*amplitudes, *placeless]), [len(amplitudes)])
     best = dict[tuple[str, str], int]()
     for i, a in enumerate(amplitudes):
         key = (a.effect, a.parameter.symbol)
         best[key] = max(best.get(key, i), i, key=lambda j: gains[j])
     missed = [i for i in best.values() if gains[i] < required[i]]
-    nat_sizes = _sizes_of_a_nat(fit, take, at_speed, names)
+    nat_sizes = _sizes_of_a_nat(placeless, of_usual)
     if not missed:
         return Excitation((), nat_sizes)
     rows, chosen = [], [amplitudes[i] for i in missed]
@@ -64,16 +66,14 @@ def measure_excitation(fit: Fit, take: Take, units: VehicleScale, gate_nats: flo
     return Excitation(tuple(rows), nat_sizes)
 
 
-def _sizes_of_a_nat(fit: Fit, take: Take, hypothesis: Hypothesis, names: Sequence[str]) -> dict[str, dict[str, float]]:
-    """The sizes of the effects `names` at which one nat is expected, of those without a place.
+def _sizes_of_a_nat(usual: Sequence[PlacedAmplitude], gains: Floats) -> dict[str, dict[str, float]]:
+    """The sizes, by effect and parameter, at which one nat is expected, of those that are expected to gain `gains`.
 
-    Expected gains, of usual sizes, are taken to grow with the square of a size: as they do near these, but for laws
-    with a threshold, which far below it show nothing.
+    Gains of `usual` sizes are taken to grow with the square of a size: as they do near these, but for laws with a
+    threshold, which far below it show nothing.
     """
-    placeless = [name for name in names if not hypothesis.entries[name].place_parameters]
-    amplitudes = amplitudes_at_typical_places(placeless, take, hypothesis)
     sizes = dict[str, dict[str, float]]()
-    for a, gain in zip(amplitudes, expected_gains_nats(fit, take, amplitudes).tolist(), strict=True):
+    for a, gain in zip(usual, gains.tolist(), strict=True):
         if gain > LIKELIHOOD_LIMITS.min_information:
             sizes.setdefault(a.effect, {})[a.parameter.symbol] = abs(a.values[a.parameter_index]) / math.sqrt(gain)
     return sizes

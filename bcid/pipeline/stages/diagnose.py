@@ -147,10 +147,10 @@ def _write_next_manoeuvre(folder: Path, diagnosis: Diagnosis) -> NextManoeuvre |
     name = "next_manoeuvre.commands.csv"
     write_commands(folder / name, chosen.command_s, chosen.command)
     x_m, y_m, yaw_rad = (float(v) for v in chosen.start)
-    edges = ((float(a), float(b)) for a, b in zip(low, high, strict=True))
+    along_x, along_y = ((float(a), float(b)) for a, b in zip(low, high, strict=True))
     return NextManoeuvre(
         name=chosen.name, purpose=chosen.purpose, why=chosen.why, score=chosen.score, repeats=chosen.repeats,
         start=Start(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad), seconds=chosen.seconds,
-        floor=Floor(x_m=next(edges), y_m=next(edges)), file=name,
+        floor=Floor(x_m=along_x, y_m=along_y), file=name,
         separates=tuple(sorted(set(best.hypothesis.effects) ^ set(others[0].hypothesis.effects))),
     )  # fmt: skip
