@@ -23,6 +23,7 @@ from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
 from bcid.experiment.simulate import observe_states
 from bcid.likelihood import settling
+from bcid.likelihood.following import answer_parameters, follow_parameters, move_initial_states
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import EFFECT_STEP, parameter_jacobian
 from bcid.likelihood.lane_rollout import segment_layout
@@ -58,7 +59,6 @@ from bcid.likelihood.refit import evaluate_fixed, refit
 from bcid.likelihood.refit_state import Effort, build_state
 from bcid.likelihood.refit_state import RefitProblem as Fitted
 from bcid.likelihood.score_test import affected_segments
-from bcid.likelihood.settling import answer_parameters, follow_parameters, move_initial_states
 from bcid.likelihood.take import (
     GROUP_S,
     KNOT_S,

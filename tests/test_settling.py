@@ -15,8 +15,8 @@ from bcid.likelihood.nuisance import about_no_pushes, linearise_nuisances, pose_
 from bcid.likelihood.predict import predict_poses
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.refit_state import RefitProblem, RefitState, build_state, promised_to_all
-from bcid.likelihood.settling import SETTLED_NATS, damped_step
 from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START, Take, pad_with_zero_pushes
+from bcid.likelihood.tangent_steps import SETTLED_NATS, damped_step
 
 PUSHES = (0.8, 0.8, 2.0)  # m/s^2, m/s^2, rad/s^2
 

@@ -8,7 +8,8 @@ of unknown size, which are eliminated (`marginal`, `nuisance`).  Derivatives go 
 hypothesis's parameters, `force_history` those by all that may act on the car.
 A `hypothesis`, with a `prior` and `unnamed_functions`, is fitted by `base_fit` (base model, which `prepare` begins) and
 `refit` (with effects), by `newton` steps from one `refit_state` to the next, at each of which initial states find their
-places (`settling`); `linearised_segments` compares many hypotheses quickly; `score_test` says what an effect more would
+places (`settling`, by `tangent_steps` of some `state_segments`) and go along with parameters (`following`);
+`linearised_segments` compares many hypotheses quickly; `score_test` says what an effect more would
 gain, by the changes of poses that `projection` finds no fit to imitate, `without_prior` what a take alone says of
 parameters, `divergence` what becomes of predictions that diverge, `price` what a parameter costs; `kept_fits` lets a
 proof use refits again; `limits` holds all numbers that decide.

@@ -19,6 +19,7 @@ Over segments the residuals follow Student's t with nu degrees of freedom in pla
 segment that goes badly wrong does not rule the rest; it has n - 6 dimensions, six being spent on x_0.
 """
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -56,12 +57,19 @@ class Scales(NamedTuple):
 
         Of the pushes it is that of autoregressive ones of first order, Q^-1.
         """
-        known = np.zeros((N_NUISANCE, N_NUISANCE))
-        pushes = known[N_START:, N_START:].reshape(KNOTS, 3, KNOTS, 3)
-        last, inner = np.eye(KNOTS, k=1) + np.eye(KNOTS, k=-1), np.diag(np.r_[0.0, np.ones(KNOTS - 2), 0.0])
-        for c, (q, rho) in enumerate(zip(self.q, self.rho, strict=True)):
-            pushes[:, c, :, c] = (np.eye(KNOTS) - rho * last + rho**2 * inner) / ((1.0 - rho**2) * q**2)
-        return known
+        return _nuisance_precision(tuple(self.q.tolist()), tuple(self.rho.tolist()))
+
+
+@functools.lru_cache(maxsize=16)  # refits come back to the same scales, many times within a step
+def _nuisance_precision(q: tuple[float, ...], rho: tuple[float, ...]) -> Floats:
+    """The precision of `Scales.nuisance_precision`, which must not be written to."""
+    known = np.zeros((N_NUISANCE, N_NUISANCE))
+    pushes = known[N_START:, N_START:].reshape(KNOTS, 3, KNOTS, 3)
+    last, inner = np.eye(KNOTS, k=1) + np.eye(KNOTS, k=-1), np.diag(np.r_[0.0, np.ones(KNOTS - 2), 0.0])
+    for c, (sd, lasts) in enumerate(zip(q, rho, strict=True)):
+        pushes[:, c, :, c] = (np.eye(KNOTS) - lasts * last + lasts**2 * inner) / ((1.0 - lasts**2) * sd**2)
+    known.setflags(write=False)
+    return known
 
 
 UNLIMITED = Scales(np.full(3, math.inf), np.full(3, math.inf), np.full(3, LIKELIHOOD_LIMITS.most_lasting))
@@ -83,7 +91,8 @@ class MarginalTerms(NamedTuple):
     log_det: Floats  # (S,) log|R| + log|Q| + log|M| - log|A_0^T W A_0|
     numbers: Floats  # (S,) numbers in the segment's residual, less N_START
     z: Floats  # (S, N_NUISANCE) posterior mean
-    root: Floats  # (S, N_NUISANCE, N_NUISANCE) L^-1 of M = L L^T
+    L: Floats  # (S, N_NUISANCE, N_NUISANCE) the lower triangle of M = L L^T
+    root: Floats  # (S, N_NUISANCE, N_NUISANCE) L^-1
     V: Floats  # (S, N_NUISANCE, N_NUISANCE) posterior covariance M^-1
     rest: Floats  # (S, 3) sum of squares of r - A z in each channel
     spread: Floats  # (S, 3) what the uncertainty of z adds to the expectation of `rest`
@@ -192,8 +201,8 @@ def eliminate_nuisance(moments: Moments, r: Floats, precision: Floats) -> Margin
     """
     S = len(moments.rr)
     chi2, log_det, count = np.empty(S), np.empty(S), np.empty(S)
-    zs, roots = np.empty((S, N_NUISANCE)), np.empty((S, N_NUISANCE, N_NUISANCE))
-    Vs = np.empty((S, N_NUISANCE, N_NUISANCE))
+    zs, Ls = np.empty((S, N_NUISANCE)), np.empty((S, N_NUISANCE, N_NUISANCE))
+    roots, Vs = np.empty((S, N_NUISANCE, N_NUISANCE)), np.empty((S, N_NUISANCE, N_NUISANCE))
     rests, spreads = np.empty((S, 3)), np.empty((S, 3))
     constant = -log_determinant(cholesky_factor(np.ascontiguousarray(precision[N_START:, N_START:])))
     for s in numba.prange(S):
@@ -208,12 +217,12 @@ def eliminate_nuisance(moments: Moments, r: Floats, precision: Floats) -> Margin
         chi2[s] = square - np.dot(y, y)
         log_det[s] = moments.rows[s] * 2.0 * np.sum(np.log(r)) + constant + log_determinant(L) - of_start
         count[s] = 3 * moments.rows[s] - N_START
-        zs[s], roots[s], Vs[s] = z, root, V
+        zs[s], Ls[s], roots[s], Vs[s] = z, L, root, V
         for c in range(3):
             AAz = np.dot(moments.AA[s, c], z)
             rests[s, c] = moments.rr[s, c] - 2.0 * np.dot(z, moments.Ar[s, c]) + np.dot(z, AAz)
             spreads[s, c] = np.sum(moments.AA[s, c] * V)
-    return MarginalTerms(chi2, log_det, count, zs, roots, Vs, rests, spreads)
+    return MarginalTerms(chi2, log_det, count, zs, Ls, roots, Vs, rests, spreads)
 
 
 @njit_parallel

@@ -14,6 +14,7 @@ import numpy as np
 from bcid.aliases import Floats, Ints
 from bcid.likelihood import newton
 from bcid.likelihood.divergence import none_if_diverged
+from bcid.likelihood.following import answer_parameters, follow_parameters, move_initial_states
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.kept_fits import kept_in_proofs
 from bcid.likelihood.marginal import UNLIMITED, Scales
@@ -29,7 +30,6 @@ from bcid.likelihood.refit_state import (
     build_state,
     segment_worths,
 )
-from bcid.likelihood.settling import answer_parameters, follow_parameters, move_initial_states
 from bcid.likelihood.take import Take
 from bcid.physics.car import Car
 

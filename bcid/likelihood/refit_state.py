@@ -109,7 +109,7 @@ def promised_to_all(terms: MarginalTerms, start: Floats) -> Floats:
     finite = _finite(terms)
     promised = np.full(len(terms.chi2), np.nan)
     y = posterior_step(start[finite], terms.z[finite])
-    in_sd: Floats = np.asarray(np.linalg.solve(terms.root[finite].transpose(0, 2, 1), y[:, :, None])[:, :, 0])
+    in_sd: Floats = np.einsum("sji,sj->si", terms.L[finite], y)
     promised[finite] = _lost_beyond(terms, finite, in_sd)
     return promised
 
