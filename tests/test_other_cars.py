@@ -22,6 +22,7 @@ from bcid.proof.blind.nearest_figures import (
     fit_motor,
     fit_rolling_drag,
     fit_servo,
+    fit_servo_of_two_lags,
     fit_steered_drag,
     fit_tyres,
     nearest_figures,
@@ -214,6 +215,19 @@ def test_a_law_that_is_the_vocabulary_s_is_found_again() -> None:
     # heavily damped, one of the two rates is that of a first-order servo
     servo = fit_servo(p._replace(servo_time=0.08, servo_damping=1.0))
     assert servo.figures["T_s"] + servo.figures["tau"] == pytest.approx(0.08, rel=0.12)
+
+
+@pytest.mark.parametrize("damping", [0.65, 0.8, 1.0])
+def test_a_servo_of_second_order_is_nearer_to_two_lags_than_to_one(damping: float) -> None:
+    """So that a further lag of the steering is there to be named; damped critically, it is two lags and nothing else."""
+    plant = other_car(1).plant._replace(servo_time=0.08, servo_damping=damping)
+    one, two = fit_servo(plant), fit_servo_of_two_lags(plant)
+    assert two.error < 0.85 * one.error
+    assert two.figures["lag"] == pytest.approx(0.04, rel=0.15)
+    if damping == 1.0:
+        assert two.error < 1e-3
+    case = tier("other-laws-less")[1]
+    assert 0.3 < case.also["steering_lag"]["tau"] / case.plant().servo_time < 0.5
 
 
 def test_nearest_figures_have_few_digits_so_that_any_machine_finds_them_alike() -> None:

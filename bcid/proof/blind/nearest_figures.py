@@ -129,17 +129,36 @@ def fit_linkage(p: Plant) -> LawFit:
 
 def fit_servo(p: Plant) -> LawFit:
     """Fit a first-order lag T_s after a delay tau to the turn of a servo of second order at a step of its command."""
-    t = np.linspace(0.0, 8.0 * p.servo_time, 400)
-    decay = 2.0 * p.servo_damping / p.servo_time
-    # a damping of just 1 is the limit of those below
-    damping = min(p.servo_damping, 1.0 - 1e-6)
-    ring, lean = decay * np.sqrt(1.0 - damping**2), damping / np.sqrt(1.0 - damping**2)
-    turn = 1.0 - np.exp(-damping * decay * t) * (np.cos(ring * t) + lean * np.sin(ring * t))
+    t, turn = _step_response(p)
 
     def law(c: Floats) -> Floats:
         return np.asarray(1.0 - np.exp(-np.maximum(t - c[1], 0.0) / c[0]))
 
     return _fit_law(("T_s", "tau"), law, turn, [0.7 * p.servo_time, 0.3 * p.servo_time])
+
+
+def fit_servo_of_two_lags(p: Plant) -> LawFit:
+    """Fit two equal lags after a delay to that turn: what a servo of second order has beyond one of first order.
+
+    The second lag, of the time constant `lag`, is the steering_lag of the vocabulary.
+    """
+    t, turn = _step_response(p)
+
+    def law(c: Floats) -> Floats:
+        since = np.maximum(t - c[1], 0.0) / c[0]
+        return np.asarray(1.0 - (1.0 + since) * np.exp(-since))
+
+    return _fit_law(("lag", "tau"), law, turn, [0.5 * p.servo_time, 0.1 * p.servo_time])
+
+
+def _step_response(p: Plant) -> tuple[Floats, Floats]:
+    """Times (s) after a step of its command, and the turn by then of a servo of second order, as a share."""
+    t = np.linspace(0.0, 8.0 * p.servo_time, 400)
+    decay = 2.0 * p.servo_damping / p.servo_time
+    # a damping of just 1 is the limit of those below
+    damping = min(p.servo_damping, 1.0 - 1e-6)
+    ring, lean = decay * np.sqrt(1.0 - damping**2), damping / np.sqrt(1.0 - damping**2)
+    return t, 1.0 - np.exp(-damping * decay * t) * (np.cos(ring * t) + lean * np.sin(ring * t))
 
 
 def fit_steered_drag(p: Plant) -> LawFit:

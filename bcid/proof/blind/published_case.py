@@ -6,7 +6,7 @@ from functools import cached_property
 
 from bcid.proof.blind.blind_case import LabFiles
 from bcid.proof.blind.concealed_effects import LARGEST_SIZES
-from bcid.proof.blind.nearest_figures import nearest_figures
+from bcid.proof.blind.nearest_figures import fit_servo_of_two_lags, nearest_figures
 from bcid.proof.blind.small_case import SmallCase
 from bcid.proof.blind.small_files import (
     BODY,
@@ -62,13 +62,19 @@ class PublishedCase(SmallCase):
 
     @property
     def also(self) -> dict[str, dict[str, float]]:
-        """True parameters by symbol of effects that the simulation has in another size: they may be named with it."""
+        """True parameters by symbol of effects that may be named besides: the simulation lacks them, or their true size.
+
+        A servo of second order turns as one of first order does that is followed by a further lag.
+        """
         published = self.published_figures.effects
-        return {
+        others = {
             effect: values
             for effect, values in self.true_figures.effects.items()
             if effect not in self.answer and (effect in self.withheld or published[effect] != values)
         }
+        if self.other_laws:
+            others["steering_lag"] = {"tau": fit_servo_of_two_lags(self.plant()).figures["lag"]}
+        return others
 
     @property
     def lab_files(self) -> LabFiles:
