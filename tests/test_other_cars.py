@@ -219,7 +219,7 @@ def test_a_law_that_is_the_vocabulary_s_is_found_again() -> None:
 
 @pytest.mark.parametrize("damping", [0.65, 0.8, 1.0])
 def test_a_servo_of_second_order_is_nearer_to_two_lags_than_to_one(damping: float) -> None:
-    """So that a further lag of the steering is there to be named; damped critically, it is two lags and nothing else."""
+    """So that a further lag of the steering is there to be named; damped critically, it is two lags."""
     plant = other_car(1).plant._replace(servo_time=0.08, servo_damping=damping)
     one, two = fit_servo(plant), fit_servo_of_two_lags(plant)
     assert two.error < 0.85 * one.error

@@ -62,7 +62,7 @@ class PublishedCase(SmallCase):
 
     @property
     def also(self) -> dict[str, dict[str, float]]:
-        """True parameters by symbol of effects that may be named besides: the simulation lacks them, or their true size.
+        """True parameters by symbol of effects that may be named, too: the simulation lacks them, or their true size.
 
         A servo of second order turns as one of first order does that is followed by a further lag.
         """
