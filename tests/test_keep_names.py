@@ -231,6 +231,18 @@ def test_the_share_of_one_segment_does_not_count_beside_a_remainder_either(
     assert kept == ({"yaw_scrub": gain} if stays else {})
 
 
+@pytest.mark.parametrize(("nats", "stays"), [(150.0, True), (50.0, False)])
+def test_what_smooth_functions_miss_of_a_remainder_counts_beside_one_alone(
+    nats: float, stays: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a remainder the name must exceed its gate, though a twentieth of what has no name is more."""
+    plain, left = 3.0 * GATE, 2000.0
+    assert plain < SEARCH_LIMITS.remainder_error * left < 150.0
+    looking, _ = keeping(monkeypatch, {A: plain, (): 0.0}, {A: left, (): plain + left - nats})
+    kept = keep_names(looking, beside(fit(plain, *A), left)).gains
+    assert kept == ({"yaw_scrub": plain} if stays else {})
+
+
 @pytest.mark.parametrize(("share", "stays"), [(1.1, True), (0.9, False)])
 def test_a_name_must_add_more_than_evidence_without_it_is_converged_to(
     share: float, stays: bool, monkeypatch: pytest.MonkeyPatch

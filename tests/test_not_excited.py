@@ -19,7 +19,7 @@ SECONDS, EXPECTED = 120.0, 20.0
 def excitation() -> Excitation:
     """What two minutes of a car show that lacks nothing."""
     fit, take = concealing(SECONDS)
-    return measure_excitation(fit, take, fit.hypothesis.units, 14.0)
+    return measure_excitation(fit, take, fit.hypothesis.units, lambda effect: 14.0)
 
 
 def test_an_effect_gains_what_its_size_is_expected_to(excitation: Excitation) -> None:

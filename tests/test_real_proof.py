@@ -217,7 +217,9 @@ def test_what_is_said_of_an_edited_drive_is_kept_with_what_it_showed_before(
     It is worth what the drive gains by it, sought from what the drive showed and the edit together.
     """
     given, weighed = list[ReferenceModel](), list[dict[str, float]]()
-    made = SimpleNamespace(naming=SimpleNamespace(base=SimpleNamespace(hypothesis=None)), take=None)
+    made = SimpleNamespace(
+        naming=SimpleNamespace(base=SimpleNamespace(hypothesis=None), gate_of=lambda effect: 23.04), take=None
+    )
 
     def diagnose(recordings: Any, estimates: Any, vehicle: Any, reference: ReferenceModel) -> Any:
         given.append(reference)
@@ -238,7 +240,7 @@ def test_what_is_said_of_an_edited_drive_is_kept_with_what_it_showed_before(
     row = edited.answer_edited_question(question, AS_ASKED, inputs, json.loads(json.dumps(before)))
     assert (row["truth"], row["before"], row["worth"]) == (0.06, {"tau": [0.01, 0.001]}, 60.0)
     assert [c.effects for c in given] == [{"yaw_scrub__c": 3.0}]
-    assert row["has"] == ["yaw_scrub"]
+    assert (row["has"], row["gate"]) == (["yaw_scrub"], 23.0)
     assert weighed == [{"pose_latency__tau": pytest.approx(0.07)}]
     again = edited.answer_edited_question(question, PARTS[0], inputs, json.loads(json.dumps(before)))
     assert "worth" not in again

@@ -12,7 +12,7 @@ from bcid.likelihood.projection import LinearisedFit, ProjectedChanges, project_
 from bcid.likelihood.score_test import (
     REWEIGHTINGS,
     best_amplitudes,
-    null_maxima,
+    null_gains,
     robust_amplitudes,
     score_test_gain,
     zero_if_lost,
@@ -157,7 +157,7 @@ def test_all_trials_at_once_are_those_one_by_one(dense: Dense, columns: Floats) 
         np.testing.assert_allclose(a, expected, rtol=1e-9, atol=1e-12)
         assert gain == pytest.approx(most, rel=1e-9, abs=1e-12)
     assert gains[0] > 10.0
-    assert (null_maxima(changes, GROUPS) >= 0.0).all()
+    assert (null_gains(changes, GROUPS) >= 0.0).all()
     assert score_test_gain(changes, GROUPS[2]) == 0.0
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from weighed_names import GATE, NOTHING, Evidence, beside, chance, fit, simulating, state_of
 
+from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.functions import CHANNELS
 from bcid.diagnosis.search import search_state
 from bcid.diagnosis.search.screen import NullGains
@@ -159,6 +160,29 @@ def test_trials_and_chance_are_those_beside_the_names_that_are_held(monkeypatch:
     assert simulated == [(), ("a",)]
     assert drawn == [(first.fit, ["a", "b", "c"]), (second.fit, ["b", "c"])]
     assert gates == [GATE + 1.0, GATE + 2.0, GATE + 2.0, GATE + 1.0]
+
+
+def test_an_effect_s_gate_is_its_own_level_or_its_placebo() -> None:
+    """The level of others is none of its business; without one of its own it must exceed what any does."""
+    drawn = chance(GATE)._replace(levels={"rear_toe": 2.0, "mass_change": 50.0, "motor_dead_zone": 9.0})
+    assert [drawn.gate_of(name) for name in ("rear_toe", "mass_change", "motor_dead_zone", "yaw_scrub")] == [
+        3.0, 50.0, 9.0, GATE,
+    ]  # fmt: skip
+
+
+def test_the_gate_of_a_name_that_is_held_is_the_last_beside_a_fit_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    simulating(monkeypatch, "a", "b")
+    levels = iter([{"a": 10.0, "b": 20.0}, {"b": 21.0}])
+    monkeypatch.setattr(search_state, "sample_null_gains", lambda *_: chance()._replace(levels=next(levels)))
+    state = state_of()
+    assert state.gate_of("a") == GATE  # nothing has been drawn
+    state.draw_nulls(beside(fit(0.0)))
+    state.draw_nulls(beside(fit(0.0, "a")))
+    assert (state.gate_of("a"), state.gate_of("b"), state.gate_of("a", "b"), state.gate_of()) == (
+        10.0, 21.0, 21.0, GATE,
+    )  # fmt: skip
+    assert state.required_nats(1e3 * GATE, "a") == pytest.approx(SEARCH_LIMITS.remainder_error * 1e3 * GATE)
+    assert state.required_nats(0.0, "a") == 10.0
 
 
 @pytest.mark.parametrize(("adds", "held"), [(60.0, True), (40.0, False)])

@@ -222,6 +222,14 @@ def test_a_level_is_met_as_rarely_as_it_says() -> None:
     assert 2e-4 < rate < 2e-3
 
 
+def test_a_level_is_met_as_rarely_where_segments_scatter_more_than_their_noise_says() -> None:
+    """Gains are then three times as large; a tail that fell as e⁻ˣ would be exceeded ten times as often."""
+    rng = np.random.default_rng(0)
+    known, many = 1.5 * rng.standard_normal(999) ** 2, 1.5 * rng.standard_normal(1_000_000) ** 2
+    assert 2e-5 < float(np.mean(many > null_quantile(known, 1e-4))) < 4e-4
+    assert float(np.mean(many > np.quantile(known, 0.99) + np.log(100.0))) > 10.0 * 1e-4
+
+
 def test_units_are_told_as_the_specification_has_them() -> None:
     told = {
         "rear_rolling_viscous": "N s/m", "steering_drag": "N s/(m rad)", "yaw_scrub": "N m s", "floor_slope": "m/s²",

@@ -135,7 +135,7 @@ def diagnose_recordings(
         laws = draw_laws(naming, take, location, seen)
         judgement = judge_names(naming, take)
         after = estimate_disturbances(naming.best, take)
-        excitation = measure_excitation(naming.best, take, base.full_speed_units, naming.nulls.gate)
+        excitation = measure_excitation(naming.best, take, base.full_speed_units, naming.gate_of)
         figures = find_other_figures(naming.best, naming.rest.fit, naming.nulls.gate)
     return Diagnosis(take, base.contacts, naming, judgement, location, laws, before, after, excitation, figures)
 

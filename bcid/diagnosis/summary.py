@@ -51,7 +51,10 @@ def summarise_diagnosis(
             detected=detected, p_value=diagnosis.p_value, where=_describe_location(diagnosis) if detected else None
         ),
         channels={channel: round(nats, 1) for channel, nats in location.channel_nats.items()},
-        findings=tuple(_describe_finding(f, fit.hypothesis.entries[f.effect]) for f in judgement.findings),
+        findings=tuple(
+            _describe_finding(f, fit.hypothesis.entries[f.effect], naming.gate_of(f.effect))
+            for f in judgement.findings
+        ),
         other_figures=tuple(
             written.OtherFigure(
                 symbol=f.symbol, published=f.published, gain_nats=round(f.nats, 1),
@@ -173,14 +176,15 @@ def _quote_parameters(
     return {q.symbol: written.Quantity(value=q.value, se=q.se, unit=q.unit, at_bound=stuck) for q, stuck in quoted}
 
 
-def _describe_finding(f: Finding, effect: Effect) -> written.NamedEffect:
+def _describe_finding(f: Finding, effect: Effect, gate_nats: float) -> written.NamedEffect:
     """Describe a named effect for diagnosis.json: equation, fitted parameters, gains, probability and a sentence."""
     quoted = [(p.meaning, p.quote(*f.values[p.symbol])) for p in effect.parameters if p.symbol in f.values]
     words = ", ".join(f"{m} {q.symbol} = {q.value:.3g} ± {q.se:.1g} {q.unit}".removesuffix(" –") for m, q in quoted)
     return written.NamedEffect(
         effect=f.effect, kind=effect.kind, twins=f.twins, probability=f.probability, equation=effect.equation,
         parameters=_quote_parameters(effect.parameters, f.values), heldout_gain=f.held_out.nats,
-        heldout_gain_ci95=f.held_out.ci95, gain_nats=f.gain_nats, sentence=f"{f.effect.replace('_', ' ')}: {words}",
+        heldout_gain_ci95=f.held_out.ci95, gain_nats=f.gain_nats,
+        gate_nats=round(gate_nats, 1), sentence=f"{f.effect.replace('_', ' ')}: {words}",
         held=effect.confounded_with or None,
     )  # fmt: skip
 

@@ -19,9 +19,9 @@ from bcid.likelihood.projection import ProjectedChanges
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import SEGMENT_S, Take
 
-NULL_DRAWS = 999
+NULL_DRAWS, SEED = 999, 0
 REWEIGHTINGS = 4
-DRAWN_P_VALUE = 0.01  # tail of the null draws that they show well
+SHOWN_TAIL = (0.1, 0.01)  # tail of the null draws, by its probabilities, that they show well
 POSE_TOLERANCE = 0.1  # of the distance from the origin, by which a pose's scale and the marker's offset may move it
 
 
@@ -95,32 +95,36 @@ def score_test_gain(changes: ProjectedChanges, own: slice) -> float:
     return float(_quadratic_gain(best_amplitudes(g[None], G), g[None], G)[0])
 
 
-def null_maxima(changes: ProjectedChanges, groups: list[slice]) -> Floats:
-    """Null distribution (NULL_DRAWS,) of the greatest score-test gain (nats) over all `groups`, by a wild bootstrap.
+def null_gains(changes: ProjectedChanges, groups: Sequence[slice]) -> Floats:
+    """Null distributions (T, NULL_DRAWS) of the score-test gains (nats) of T `groups`, by a wild bootstrap.
 
     A group is a slice of the columns of `changes`, an effect's changes of predicted poses.  In each draw, every
     segment's residual gets a random sign (Liu 1988), which keeps correlations between columns and the scatter of
     segments.
     """
     each = changes.weights[:, None] * changes.each_g
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(SEED)
     draws = rng.choice((-1.0, 1.0), (NULL_DRAWS, len(each))) @ each
     # a trusted parameter is off by chance, too
     draws += rng.standard_normal((NULL_DRAWS, len(changes.pulls))) @ changes.pulls
-    most = np.zeros(NULL_DRAWS)
-    for own in groups:
+    gains = np.empty((len(groups), NULL_DRAWS))
+    for each_gain, own in zip(gains, groups, strict=True):
         g, G = draws[:, own], changes.information(own)
-        most = np.maximum(most, _quadratic_gain(best_amplitudes(g, G), g, G))
-    return most
+        each_gain[:] = _quadratic_gain(best_amplitudes(g, G), g, G)
+    return gains
 
 
-def null_quantile(maxima: Floats, p: float) -> float:
-    """Score-test gain (nats) that chance exceeds with probability `p`, extrapolated from the null draws `maxima` (D,).
+def null_quantile(gains: Floats, p: float) -> float:
+    """Score-test gain (nats) that chance exceeds with probability `p`, extrapolated from null draws `gains` (D,).
 
-    It is the 1 - DRAWN_P_VALUE quantile of `maxima` plus ln(DRAWN_P_VALUE / p): the tail falls as exp(-x), like that
-    of half a chi-square, where `p` is less than the draws can show.
+    Half a chi-square falls as exp(-x), and the slower by as much as segments scatter more than their noise says: as
+    exp(-x/c), with c from the two quantiles of SHOWN_TAIL, 1 at least.  So the tail goes on where `p` is less than the
+    draws can show.
     """
-    return float(np.quantile(maxima, 1.0 - DRAWN_P_VALUE) + np.log(DRAWN_P_VALUE / p))
+    often, seldom = SHOWN_TAIL
+    near, far = np.quantile(gains, [1.0 - often, 1.0 - seldom])
+    c = max((far - near) / np.log(often / seldom), 1.0)
+    return float(far + c * np.log(seldom / p))
 
 
 def best_amplitudes(g: Floats, G: Floats) -> Floats:

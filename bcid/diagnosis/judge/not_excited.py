@@ -1,7 +1,7 @@
 """How well a drive shows each effect, and which it could not have shown, unless unusually large for this vehicle."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -32,14 +32,14 @@ class Excitation(NamedTuple):
     nat_sizes: Mapping[str, Mapping[str, float]]
 
 
-def measure_excitation(fit: Fit, take: Take, units: VehicleScale, gate_nats: float) -> Excitation:
+def measure_excitation(fit: Fit, take: Take, units: VehicleScale, gate_of: Callable[[str], float]) -> Excitation:
     """How well this drive shows the effects that are not in `fit`, and which not even at a multiple of usual sizes.
 
     The multiple is `JUDGE_LIMITS.unexcited_sizes`.  An effect shows if, at the best of several places, it is expected
-    to raise the log-likelihood by `gate_nats` and its price (`required_gain_nats`).  Each is listed with the smallest
-    size that would have shown, None if no size would.  Usual sizes are declared with the effect for the bumper car and
-    scaled by `units` to this vehicle at full speed, since an effect that matters at full speed may not show in a slow
-    drive.
+    to raise the log-likelihood by its gate (`gate_of` its name) and its price (`required_gain_nats`).  Each is listed
+    with the smallest size that would have shown, None if no size would.  Usual sizes are declared with the effect for
+    the bumper car and scaled by `units` to this vehicle at full speed, since an effect that matters at full speed may
+    not show in a slow drive.
     """
     at_speed = replace(fit.hypothesis, units=units)
     names = [n for n in EFFECTS if n in at_speed.entries and n not in at_speed.effects]
@@ -48,7 +48,9 @@ def measure_excitation(fit: Fit, take: Take, units: VehicleScale, gate_nats: flo
     amplitudes = [
         a.with_size(min(JUDGE_LIMITS.unexcited_sizes * a.values[a.parameter_index], a.parameter.high)) for a in usual
     ]
-    required = np.array([required_gain_nats(at_speed.entries[a.effect], take.segments, gate_nats) for a in amplitudes])
+    required = np.array(
+        [required_gain_nats(at_speed.entries[a.effect], take.segments, gate_of(a.effect)) for a in amplitudes]
+    )
     gains, of_usual = np.split(expected_gains_nats(fit, take, [*amplitudes, *placeless]), [len(amplitudes)])
     best = dict[tuple[str, str], int]()
     for i, a in enumerate(amplitudes):

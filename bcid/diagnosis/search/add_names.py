@@ -26,19 +26,21 @@ PLAIN_REFITS = 2  # of the effects that are most likely along one tangent, in ea
 def add_names_plainly(state: SearchState, fit: Fit, more: Sequence[Fit], report: Report) -> Fit:
     """The `fit` with names added one after the other, each that makes the take likeliest, nothing being beside it.
 
-    Each must add more than the gate, and more than what has no name beside it may pass for.  The first may be that of
+    Each must add more than its gate, and more than what has no name beside it may pass for.  The first may be that of
     the fits `more`, too.
     """
     take = state.take
     while len(named_effects(fit)) < SEARCH_LIMITS.max_effects:
         candidates = screen_effects(fit, take, state.trials_beside(fit))[: SEARCH_LIMITS.max_candidates]
-        promising = [c for c in candidates if c.score > SEARCH_LIMITS.min_score_share * state.gate]
+        promising = [c for c in candidates if c.score > SEARCH_LIMITS.min_score_share * state.gate_of(c.effect)]
         report_round(promising, fit, report)
         quick = refits.refit_candidates_along_tangent(fit, take, promising)
         first = refits.rank_credible_fits(quick, take)[:PLAIN_REFITS]
         found = refits.rank_credible_fits([*(refits.refit_fully(f, take) for f in first), *more], take)
-        gained = gain_nats(found[0], fit) if found else 0.0
-        if gained < state.gate or gained < state.required_nats(state.explain(found[0]).nats):
+        if not found:
+            break
+        name, gained = found[0].hypothesis.effects[-1], gain_nats(found[0], fit)
+        if gained < state.gate_of(name) or gained < state.required_nats(state.explain(found[0]).nats, name):
             break
         fit, more = found[0], ()
     return fit
@@ -60,7 +62,7 @@ def add_names_beside_remainder(
 ) -> RemainderFit:
     """The fit with names added to `rest` one after the other, each that adds most to the evidence beside a remainder.
 
-    Each must add more than the gate, which is drawn anew beside it.  The first may be that of the fits `more`, too.
+    Each must add more than its gate, which is drawn anew beside it.  The first may be that of the fits `more`, too.
     """
     while len(named_effects(rest.named)) < SEARCH_LIMITS.max_effects:
         state.draw_nulls(rest)
@@ -77,7 +79,7 @@ def report_round(promising: Sequence[CandidateEffect], fit: Fit, report: Report)
 
 
 def add_name(state: SearchState, rest: RemainderFit, more: Sequence[Fit], report: Report) -> RemainderFit | None:
-    """The fit with one name more of greatest evidence, if that grows by more than the gate.
+    """The fit with one name more of greatest evidence, if that grows by more than its gate.
 
     Tried are the effects that the score test promises most beside the remainder, and the fits `more`.
     """
@@ -105,7 +107,7 @@ def _promising(state: SearchState, rest: RemainderFit) -> list[CandidateEffect]:
     trials = state.trials_beside(rest.named).without(tuple(state.refused))
     beside = _promising_beside(state, rest, trials)
     known = {c.effect for c in beside}
-    plain = [c for c in screen_effects(rest.named, state.take, trials) if c.score > state.gate]
+    plain = [c for c in screen_effects(rest.named, state.take, trials) if c.score > state.gate_of(c.effect)]
     more = [c._replace(score=0.0) for c in plain[: SEARCH_LIMITS.plain_candidates] if c.effect not in known]
     return [*beside, *more]
 
@@ -114,7 +116,7 @@ def _promising_beside(state: SearchState, rest: RemainderFit, trials: TrialChang
     """The effects of the `trials` that the score test promises most beside the remainder, best first."""
     candidates = score_names(rest, state.take, trials)
     least = max((SEARCH_LIMITS.near_best_share * c.score for c in candidates[:1]), default=0.0)
-    near = [c for c in candidates if c.score > max(least, SEARCH_LIMITS.min_score_share * state.gate)]
+    near = [c for c in candidates if c.score > max(least, SEARCH_LIMITS.min_score_share * state.gate_of(c.effect))]
     return near[: SEARCH_LIMITS.max_candidates]
 
 
@@ -125,25 +127,27 @@ def _best_credible(
     """The fit of greatest evidence of those of a size that a car may have, if it exceeds that of `rest` enough.
 
     `fits` have one effect more than `rest` each, whose evidence the score test has `promised` to grow.  What cannot add
-    as much as the gate is refused, and not tried again; but for those `more`, which began far from `rest`, and of which
+    as much as its gate is refused, and not tried again; but for those `more`, which began far from `rest`, and of which
     another start may make more.
     """
-    least, best, added = rest.log_evidence + state.gate, None, dict[str, float]()
+    best, added = None, dict[str, float]()
     for f in refits.rank_credible_fits([*fits, *more], state.take):
+        name = f.hypothesis.effects[-1]
+        least = rest.log_evidence + state.gate_of(name)
         to_exceed = max(least, best.log_evidence) if best else least
-        found = _weigh_candidate(state, rest, f, to_exceed, promised.get(f.hypothesis.effects[-1], 0.0))
-        if _counts(state, found, rest):
+        found = _weigh_candidate(state, rest, f, to_exceed, promised.get(name, 0.0))
+        if _counts(state, found, rest, name):
             best = greater_evidence(best, found)
         elif to_exceed == least and not any(f is other for other in more):
-            added[f.hypothesis.effects[-1]] = found.log_evidence - rest.log_evidence
+            added[name] = found.log_evidence - rest.log_evidence
     held = best.named.hypothesis.effects if best else ()
     state.tell_added({name: nats for name, nats in added.items() if name not in held})
     return _converge_name(state, best) if best else None
 
 
-def _counts(state: SearchState, found: RemainderFit, rest: RemainderFit) -> bool:
-    """Whether what was `found` adds as much to `rest` as a name must beside what has none."""
-    return found.log_evidence > rest.log_evidence + state.required_nats(found.nats)
+def _counts(state: SearchState, found: RemainderFit, rest: RemainderFit, name: str) -> bool:
+    """Whether what was `found` adds as much to `rest` as its `name` must beside what has none."""
+    return found.log_evidence > rest.log_evidence + state.required_nats(found.nats, name)
 
 
 def _converge_name(state: SearchState, best: RemainderFit) -> RemainderFit:
@@ -170,7 +174,8 @@ def _weigh_candidate(
         if found.log_evidence - rest.log_evidence >= SEARCH_LIMITS.kept_promise * promised:
             return found
     best = greater_evidence(found, state.remember(add_beside_remainder(rest, fit, take, to_exceed)))
-    if _counts(state, best, rest) or gain_nats(fit, rest.named) <= state.required_nats(best.nats):
+    name = fit.hypothesis.effects[-1]
+    if _counts(state, best, rest, name) or gain_nats(fit, rest.named) <= state.required_nats(best.nats, name):
         return best
     return greater_evidence(best, state.weigh_anew(found.named if found else refits.refit_fully(fit, take), to_exceed))
 

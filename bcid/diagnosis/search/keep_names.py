@@ -87,7 +87,7 @@ def _judge(state: SearchState, rest: RemainderFit, name: str) -> Judged:
     """What a name adds, against one thing after another in its place, until it falls short.
 
     A single odd segment is no law: the share of the name's gain that the segment with most of it makes up, with nothing
-    in its place, counts in no comparison.  The rest must exceed the gate against nothing, and `_least_beside` against
+    in its place, counts in no comparison.  The rest must exceed its gate against nothing, and `_least_beside` against
     a remainder, which is found from nothing and then from that beside the name, and against copies of laws.  The fit
     without it begins at the fit with it: what was found before may be a lesser maximum.
     """
@@ -95,20 +95,23 @@ def _judge(state: SearchState, rest: RemainderFit, name: str) -> Judged:
     fit = state.keep_likeliest(refit_with_effects(rest.named, state.take, others))
     plain, less = gain_nats(rest.named, fit), Lesser(fit, state.weigh_anew(fit))
     counted = _counted_share(rest.named, fit)
-    alone = plain - state.gate / counted if counted else -np.inf
+    alone = plain - state.gate_of(name) / counted if counted else -np.inf
     if alone <= 0.0:
         return Judged(plain, alone, alone, less)
 
-    def judge(less: Lesser, gain: float) -> Judged:
-        return Judged(gain, alone, min(alone, gain - _least_beside(state, rest, less) / counted), less)
+    def judge(less: Lesser, beside: float) -> Judged:
+        """What the name adds where it adds so many nats `beside` a remainder."""
+        surplus = beside - _least_beside(state, rest, less, name) / counted
+        return Judged(min(plain, beside), alone, min(alone, surplus), less)
 
-    judged = judge(less, min(plain, rest.log_evidence - less.weighed.log_evidence))
+    judged = judge(less, rest.log_evidence - less.weighed.log_evidence)
     if judged.surplus > 0.0 and len(rest.on):
         found = leave_out(rest, fit, state.take)
         less = less._replace(weighed=state.remember(greater_evidence(less.weighed, found)))
-        judged = judge(less, min(plain, rest.log_evidence - less.weighed.log_evidence))
+        judged = judge(less, rest.log_evidence - less.weighed.log_evidence)
     if judged.surplus > 0.0:
-        judged = judge(less, _gain_beside_copies(state, rest, less, judged.gain))
+        beside = rest.log_evidence - less.weighed.log_evidence
+        judged = judge(less, _gain_beside_copies(state, rest, less, beside))
     return judged
 
 
@@ -119,7 +122,7 @@ def _counted_share(fit: Fit, less: Fit) -> float:
     return max(1.0 - largest / gain, 0.0) if gain > 0.0 else 0.0
 
 
-def _least_beside(state: SearchState, rest: RemainderFit, less: Lesser) -> float:
+def _least_beside(state: SearchState, rest: RemainderFit, less: Lesser, name: str) -> float:
     """Nats that a name must add to a remainder in its place.
 
     They are those that it must add to nothing, the share of what all names leave that smooth functions cannot follow,
@@ -129,7 +132,7 @@ def _least_beside(state: SearchState, rest: RemainderFit, less: Lesser) -> float
     """
     left, instead = state.with_copies(rest, CHANNELS).nats, less.weighed.nats
     explains_as_much = left < SEARCH_LIMITS.remainder_error * instead
-    beside = JUDGE_LIMITS.rival_nats if explains_as_much else state.required_nats(left)
+    beside = JUDGE_LIMITS.rival_nats if explains_as_much else state.required_nats(left, name)
     return max(beside, SEARCH_LIMITS.converged_share * instead)
 
 

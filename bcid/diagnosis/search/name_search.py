@@ -6,6 +6,7 @@ Names are added as if nothing else were missing, and where that leaves something
 """
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
@@ -45,6 +46,11 @@ class Naming(NamedTuple):
     others: dict[str, float]  # nats that each effect without a name would add beside the names, to first order
     nulls: NullGains  # what effects gain by chance
     chance: Chance | None = None  # of a remainder beside the names; none where it is below the gate
+    gates: Mapping[str, float] = MappingProxyType({})  # nats that each name has had to exceed
+
+    def gate_of(self, *effects: str) -> float:
+        """Nats that each of some effects must add, or the one of them that must add most; of none the overall gate."""
+        return max((self.gates.get(name, self.nulls.gate_of(name)) for name in effects), default=self.nulls.gate)
 
     @property
     def best(self) -> Fit:
@@ -94,7 +100,7 @@ def name_effects(
     return Naming(
         base, corrected, before, rest=kept.full, gains=kept.gains, without=kept.without, rivals=rivals,
         dropped=dropped, others=_score_others(state, kept.rest, dropped), nulls=state.nulls,
-        chance=_chance_beside(state, kept.full),
+        chance=_chance_beside(state, kept.full), gates={name: state.gate_of(name) for name in kept.gains},
     )  # fmt: skip
 
 
@@ -126,7 +132,8 @@ def _add_names(state: SearchState, before: RemainderFit, more: Sequence[Fit], re
         return plain
     beside = add_names_beside_remainder(state, before, more, report)
     before = state.remember(before)  # as the search has refitted it
-    enough = plain.log_evidence > before.log_evidence + state.required_nats(plain.nats)
+    required = state.required_nats(plain.nats, *named_effects(plain.named))
+    enough = plain.log_evidence > before.log_evidence + required
     best = greater_evidence(beside, plain) if enough else beside
     state.draw_nulls(best)
     return best

@@ -4,7 +4,8 @@ Differences are taken at sizes that matter, never extrapolated from zero: some e
 """
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -55,11 +56,21 @@ class NullGains(NamedTuple):
 
     chance_level: float  # that the best of all trials exceeds with SEARCH_LIMITS.gate_p_value
     placebos: list[CandidateEffect]  # trials carried elsewhere in the take, best first
+    levels: Mapping[str, float] = MappingProxyType({})  # by effect; that any of all exceeds its own is as likely
 
     @property
     def gate(self) -> float:
-        """Nats that an effect must gain: more than chance, and more than any placebo."""
+        """Nats that hardly any effect gains by chance: more than the best of all trials, and than any placebo."""
         return max(self.chance_level, max((c.score for c in self.placebos), default=0.0))
+
+    def gate_of(self, effect: str) -> float:
+        """Nats that an `effect` must gain: more than it does by chance, and more than as a placebo.
+
+        One with many places and times, or that shows in few segments, gains more by chance than others do.
+        """
+        if effect not in self.levels:
+            return self.gate
+        return max(self.levels[effect], *(c.score for c in self.placebos if c.effect == effect), 0.0)
 
 
 NO_NULLS = NullGains(0.0, [])
@@ -220,10 +231,15 @@ def sample_null_gains(fit: Fit, take: Take, trials: TrialChanges) -> NullGains:
     """
     linearised = linearise_fit(fit, take)
     changes = project_out_fit(linearised, trials.columns, trials.widest)
-    maxima = score_test.null_maxima(changes, [t.own for t in trials.trials])
-    level = score_test.null_quantile(maxima, SEARCH_LIMITS.gate_p_value)
+    gains = score_test.null_gains(changes, [t.own for t in trials.trials])
+    p, effects = SEARCH_LIMITS.gate_p_value, np.array([t.effect for t in trials.trials])
+    levels = {
+        str(effect): score_test.null_quantile(gains[effects == effect].max(axis=0), p / len(set(effects)))
+        for effect in np.unique(effects)
+    }
+    level = score_test.null_quantile(gains.max(axis=0, initial=0.0), p)
     elsewhere = project_out_fit(linearised, trials.columns, trials.widest, moved=take.segments // 2)
-    return NullGains(level, _rank_candidates(elsewhere, trials.trials))
+    return NullGains(level, _rank_candidates(elsewhere, trials.trials), levels)
 
 
 def combine_vectors(trial: Trial, amplitudes: Floats) -> list[float]:

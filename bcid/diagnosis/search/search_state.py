@@ -43,28 +43,33 @@ class SearchState:
     _explained: dict[frozenset[str], tuple[Fit, Explained]] = field(default_factory=dict)  # the last fit of each
     _trials: dict[frozenset[str], TrialChanges] = field(default_factory=dict)
     _nulls: dict[frozenset[str], NullGains] = field(default_factory=dict)
+    _gates: dict[str, float] = field(default_factory=dict)  # of effects, when last drawn beside a fit that lacks them
     _from_large_sizes: dict[frozenset[str], tuple[Fit, list[Fit]]] = field(default_factory=dict)
     _with_copies: dict[tuple[frozenset[str], tuple[str, ...]], tuple[Fit, RemainderFit]] = field(default_factory=dict)
 
     @property
     def gate(self) -> float:
-        """Nats that a name must add."""
+        """Nats that hardly anything adds by chance."""
         return self.nulls.gate
 
-    def required_nats(self, unnamed: float) -> float:
-        """Nats that a name must add beside a remainder of so many nats: smooth functions cannot follow a share of it.
+    def gate_of(self, *names: str) -> float:
+        """Nats that each of the effects with these names must add, or the one that must add most of several."""
+        return max((self._gates.get(name, self.gate) for name in names), default=self.gate)
+
+    def required_nats(self, unnamed: float, *names: str) -> float:
+        """Nats that `names` must add beside a remainder of so many nats: smooth functions cannot follow a share of it.
 
         So much is no name's.
         """
-        return max(self.gate, SEARCH_LIMITS.remainder_error * unnamed)
+        return max(self.gate_of(*names), SEARCH_LIMITS.remainder_error * unnamed)
 
     def tell_added(self, added: Mapping[str, float]) -> None:
-        """Keep the nats that effects `added` in vain; those below the gate are not tried again.
+        """Keep the nats that effects `added` in vain; those below their gates are not tried again.
 
-        What passes the gate may count beside less that has no name.
+        What passes its gate may count beside less that has no name.
         """
         self.added |= added
-        self.refused |= {name for name, nats in added.items() if nats < self.gate}
+        self.refused |= {name for name, nats in added.items() if nats < self.gate_of(name)}
 
     def draw_nulls(self, rest: RemainderFit) -> None:
         """Find what effects gain by chance beside a fit and its remainder.
@@ -76,6 +81,7 @@ class SearchState:
         if key not in self._nulls:
             self._nulls[key] = sample_null_gains(rest.fit, self.take, self.trials_beside(rest.named))
         self.nulls = self._nulls[key]
+        self._gates |= {name: self.nulls.gate_of(name) for name in self.nulls.levels}
 
     def trials_beside(self, fit: Fit) -> TrialChanges:
         """Changes of predicted poses by every effect that `fit` lacks and that is not excluded."""

@@ -90,7 +90,8 @@ def answer_edited_question(
     Poses or commands are edited, in the part of the recording that a `variation` keeps.  The reference of the diagnosis
     is the model of the unedited drive (`unedited_row`, by `diagnose_unedited_drive`) without the effect.  Beside
     `diagnosis_row` the row has "truth", the size of the edit, "before", the effect's values and standard errors in the
-    unedited drive, "has", the effects of the reference, and, of the question AS_ASKED, what the edit is "worth".
+    unedited drive, "has", the effects of the reference, and, of the question AS_ASKED, what the edit is "worth";
+    "gate" is that of its effect.
 
     Raises:
         PredictionDiverged: the effect could not be fitted to the unedited drive.
@@ -105,7 +106,8 @@ def answer_edited_question(
     more: dict[str, Any] = {"before": before, "has": list(effect_ids(reference.effects))}
     if variation == AS_ASKED:
         more |= _worth(question, before, diagnosis)
-    return {"truth": question.value, **more, **diagnosis_row(diagnosis)}
+    gate = round(diagnosis.naming.gate_of(question.effect), 1)
+    return {"truth": question.value, **more, **diagnosis_row(diagnosis), "gate": gate}
 
 
 def _worth(

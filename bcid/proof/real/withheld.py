@@ -62,7 +62,7 @@ def answer_withheld_question(
     `day` is the row of `calibrate_simulation`.  Of the question AS_ASKED the row has, beside `diagnosis_row`:
 
     - "worth", the nats by which the drive is likelier with what is withheld (`fit_true_structure`);
-    - "equivalents", names that it cannot be told from (`find_equivalents`), where it is worth more than the gate;
+    - "equivalents", names that it cannot be told from (`find_equivalents`), where it is worth more than its "gate";
     - "published" and "true", its parameters by field in the simulation and in the refit;
     - "ratios", by how much the errors of predictions grow without it (`error_ratios`).
     """
@@ -73,6 +73,7 @@ def answer_withheld_question(
     diagnosis, row = drive.diagnose(reference)
     if variation != AS_ASKED:
         return row
+    row = {**row, "gate": round(diagnosis.naming.gate_of(*withholding.effects), 1)}
     return {**row, **_find_truth(drive, withholding, diagnosis, row), "ratios": _ratios(question, drive, less, inputs)}
 
 
