@@ -114,17 +114,23 @@ def null_gains(changes: ProjectedChanges, groups: Sequence[slice]) -> Floats:
     return gains
 
 
-def null_quantile(gains: Floats, p: float) -> float:
+def null_quantile(gains: Floats, p: float, c: float = 1.0) -> float:
     """Score-test gain (nats) that chance exceeds with probability `p`, extrapolated from null draws `gains` (D,).
 
-    Half a chi-square falls as exp(-x), and the slower by as much as segments scatter more than their noise says: as
-    exp(-x/c), with c from the two quantiles of SHOWN_TAIL, 1 at least.  So the tail goes on where `p` is less than the
-    draws can show.
+    Where `p` is less than the draws can show, the tail falls as exp(-x/c), from their quantile of the lesser
+    probability in SHOWN_TAIL on.  For half a chi-square c is 1.
+    """
+    return float(np.quantile(gains, 1.0 - SHOWN_TAIL[1]) + c * np.log(SHOWN_TAIL[1] / p))
+
+
+def tail_scale(gains: Floats) -> float:
+    """The c (nats) with which the tail of null draws `gains` (D,) falls as exp(-x/c): 1 at least.
+
+    It is greater than 1 by as much as segments scatter more than their noise says.
     """
     often, seldom = SHOWN_TAIL
     near, far = np.quantile(gains, [1.0 - often, 1.0 - seldom])
-    c = max((far - near) / np.log(often / seldom), 1.0)
-    return float(far + c * np.log(seldom / p))
+    return max(float((far - near) / np.log(often / seldom)), 1.0)
 
 
 def best_amplitudes(g: Floats, G: Floats) -> Floats:

@@ -233,10 +233,11 @@ def sample_null_gains(fit: Fit, take: Take, trials: TrialChanges) -> NullGains:
     changes = project_out_fit(linearised, trials.columns, trials.widest)
     gains = score_test.null_gains(changes, [t.own for t in trials.trials])
     p, effects = SEARCH_LIMITS.gate_p_value, np.array([t.effect for t in trials.trials])
+    own = {str(effect): gains[effects == effect].max(axis=0) for effect in np.unique(effects)}
     levels = {
-        str(effect): score_test.null_quantile(gains[effects == effect].max(axis=0), p / len(set(effects)))
-        for effect in np.unique(effects)
+        name: score_test.null_quantile(each, p / len(own), score_test.tail_scale(each)) for name, each in own.items()
     }
+    # of all together: with its own scale the effect of the slowest tail would rule what is said of all others
     level = score_test.null_quantile(gains.max(axis=0, initial=0.0), p)
     elsewhere = project_out_fit(linearised, trials.columns, trials.widest, moved=take.segments // 2)
     return NullGains(level, _rank_candidates(elsewhere, trials.trials), levels)
