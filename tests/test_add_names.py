@@ -334,6 +334,20 @@ def test_no_name_is_added_that_adds_less_than_what_has_no_name_may_pass_for(
     assert at.refitted == []
 
 
+def test_one_that_falls_short_of_its_own_gate_keeps_no_other_from_being_added(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though it gains more: chance makes more of it; and such candidates crowd none out."""
+    Evidence(monkeypatch, {})
+    loud = {"mass_change": 100.0, "motor_delay": 99.0, "pose_latency": 98.0, "steering_lag": 97.0}
+    screening(monkeypatch, **loud, yaw_scrub=30.0)
+    looking = state_of(_gates=dict.fromkeys(loud, 300.0) | {"yaw_scrub": 15.0})
+    assert add_names_plainly(looking, fit(0.0), [], quietly).hypothesis.effects == ("yaw_scrub",)
+    screening(monkeypatch, mass_change=100.0, yaw_scrub=30.0)
+    looking = state_of(_gates={"mass_change": 110.0, "yaw_scrub": 15.0})
+    assert add_names_plainly(looking, fit(0.0), [fit(99.0, "mass_change")], quietly).hypothesis.effects == (
+        "yaw_scrub",
+    )
+
+
 def test_without_a_remainder_a_fit_beside_the_reference_may_be_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
     Evidence(monkeypatch, {})
     screening(monkeypatch, yaw_scrub=300.0)

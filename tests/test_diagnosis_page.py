@@ -451,10 +451,10 @@ def test_empty_lists_and_nulls_do_not_break_it(verdict: str, tmp_path: Path) -> 
 def test_what_chance_reaches_is_told(tmp_path: Path) -> None:
     d, knots, tracks = named()
     text, _ = page((d | {"gate_nats": 12.4}, knots, tracks), tmp_path)
-    assert "Chance alone reaches 12.4 nats" in text
+    assert "Chance alone hardly reaches 12.4 nats" in text
     findings = [f | {"gate_nats": 11.5} for f in d["findings"]]
     own = page((d | {"gate_nats": 12.4, "findings": findings}, knots, tracks), tmp_path)[0]
-    assert re.search(r"what chance reaches with its own: [\w ]+ 11.5 nats", own)
+    assert re.search(r"what chance hardly reaches with that effect: [\w ]+ 11.5 nats", own)
     assert "Chance alone" not in page((d | {"gate_nats": None}, knots, tracks), tmp_path)[0]
 
 

@@ -11,7 +11,14 @@ from bcid.diagnosis.limits import limit_set_to
 from bcid.diagnosis.search import screen
 from bcid.effects.table import ENTRIES
 from bcid.likelihood.projection import ProjectedChanges
-from bcid.likelihood.score_test import Trial, TrialChanges, null_gains
+from bcid.likelihood.score_test import (
+    Trial,
+    TrialChanges,
+    greatest_null_gain,
+    null_gains,
+    null_quantile,
+    tail_scale,
+)
 
 SEGMENTS, LOUD, P = 40, 3, 1e-2
 NAMES = ("motor_dead_zone", "yaw_scrub", "mass_change", "mass_change")
@@ -48,6 +55,30 @@ def test_what_one_effect_gains_by_chance_is_no_reason_to_doubt_another(drawn: sc
     assert set(drawn.levels) == set(NAMES)
     assert drawn.levels["mass_change"] > 3.0 * max(drawn.levels["motor_dead_zone"], drawn.levels["yaw_scrub"])
     assert drawn.chance_level > 2.0 * drawn.levels["motor_dead_zone"]
+
+
+def test_no_level_is_more_than_signs_can_reach(changes: ProjectedChanges, drawn: screen.NullGains) -> None:
+    """Of three loud segments' eight signs one in four lines them up: the tail ends soon."""
+    most = greatest_null_gain(changes, slice(3, 4))
+    assert most == pytest.approx(0.5 * np.abs(changes.each_g[:, 3]).sum() ** 2 / changes.G[0, 3])
+    gains = null_gains(changes, [slice(k, k + 1) for k in range(len(NAMES))])
+    assert gains[3].max() < most
+    assert drawn.levels["mass_change"] <= max(most, greatest_null_gain(changes, slice(2, 3)))
+    beyond = null_quantile(gains[3], 1e-9, tail_scale(gains[3]))
+    assert beyond > most  # as the tail of draws says
+
+
+def test_a_level_is_met_as_rarely_where_segments_scatter_more_than_their_noise_says() -> None:
+    """Of the gain of one column whose multiple must be positive, nine times what noise alone makes of it."""
+    rng = np.random.default_rng(1)
+
+    def gains(n: int) -> np.ndarray:
+        return 4.5 * np.maximum(rng.standard_normal(n), 0.0) ** 2
+
+    levels = [null_quantile(known, 1e-4, tail_scale(known)) for known in (gains(999) for _ in range(40))]
+    share = float(np.mean([np.mean(gains(200_000) > level) for level in levels]))
+    assert 0.3e-4 < share < 4e-4
+    assert np.mean(gains(200_000) > null_quantile(gains(999), 1e-4)) > 10e-4  # with a tail of e⁻ˣ
 
 
 def test_any_effect_exceeds_its_own_level_as_rarely_as_is_said(

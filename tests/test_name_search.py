@@ -107,6 +107,18 @@ def test_a_likelier_exchange_is_a_name_or_a_rival(
     )
 
 
+def test_the_names_stay_where_what_comes_in_for_one_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It must add more than chance makes of it, which may be more than the old name must."""
+    mine, other = fit(100.0, "yaw_scrub"), fit(120.0, "mass_change")
+    Evidence(monkeypatch, {})
+    simulating(monkeypatch)
+    monkeypatch.setattr(name_search, "exchange_until_stable", lambda *_: Alternatives(other, (mine,)))
+    monkeypatch.setattr(name_search, "keep_names", lambda state, rest: kept_of(fit(0.0)))
+    kept, rivals = name_search._exchange_names(state_of(), kept_of(mine, yaw_scrub=100.0), ())
+    assert kept.gains == {"yaw_scrub": 100.0}
+    assert [f.hypothesis.effects for f in rivals] == [("mass_change",)]
+
+
 def test_rivals_are_those_of_the_names_that_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where an exchange is taken, and a name falls after it."""
     Evidence(monkeypatch, {})
@@ -155,7 +167,7 @@ def test_two_effects_are_named_each_by_what_it_adds() -> None:
     base, take = concealing(yaw_scrub=20.0, rear_rolling_coulomb=20.0)
     found = name_effects(base, take)
     assert set(found.gains) == {"yaw_scrub", "rear_rolling_coulomb"} == set(named_effects(found.best))
-    assert min(found.gains.values()) > found.nulls.gate
+    assert all(gain > found.gate_of(name) for name, gain in found.gains.items())
     assert found.unknown_nats == 0.0
     assert {n: named_effects(f) for n, f in found.without.items()} == {
         "yaw_scrub": ("rear_rolling_coulomb",), "rear_rolling_coulomb": ("yaw_scrub",),
@@ -167,7 +179,7 @@ def test_a_constant_law_is_named_though_a_copy_of_it_would_explain_as_much() -> 
     base, take = concealing(steering_offset=0.0125)
     found = name_effects(base, take)
     assert named_effects(found.best) == ("steering_offset",)
-    assert found.gains["steering_offset"] > found.nulls.gate
+    assert found.gains["steering_offset"] > found.gate_of("steering_offset")
     value, se = found.best.effect_estimates()["steering_offset__o"]
     assert abs(value - 0.0125) < 4.0 * se
 

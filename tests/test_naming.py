@@ -492,7 +492,7 @@ def test_a_concealed_effect_is_named_alone(
     value, se = found.best.effect_estimates()[EFFECTS[name].fields[0]]
     assert abs(value - size) < 4.0 * se
     assert se < 0.05 * size
-    assert found.gains[name] > 2.0 * found.nulls.gate
+    assert found.gains[name] > 2.0 * found.gate_of(name)
     assert (
         found.gains[name] <= found.best.penalised_log_likelihood - found.without[name].penalised_log_likelihood + 1e-9
     )

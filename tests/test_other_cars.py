@@ -226,8 +226,12 @@ def test_a_servo_of_second_order_is_nearer_to_two_lags_than_to_one(damping: floa
     assert two.figures["lag"] == pytest.approx(0.04, rel=0.15)
     if damping == 1.0:
         assert two.error < 1e-3
-    case = tier("other-laws-less")[1]
-    assert 0.3 < case.also["steering_lag"]["tau"] / case.plant().servo_time < 0.5
+
+
+def test_a_further_lag_is_no_false_name_of_a_servo_of_second_order() -> None:
+    """Its size is none to be met: what is published for the first lag decides what is left to it."""
+    assert all(case.also["steering_lag"] == {} for case in (*tier("other-laws"), *tier("other-laws-less")))
+    assert not any("steering_lag" in case.also for case in tier("other-day"))
 
 
 def test_nearest_figures_have_few_digits_so_that_any_machine_finds_them_alike() -> None:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 class SearchLimits:
     """What the search for names tries, and what makes a name."""
 
-    # Probability that the best trial of a take of nothing passes the gate.
+    # Probability that any effect passes its own gate on a take of nothing, or that all together pass theirs.
     gate_p_value: float = 1e-4
     # Share of what a remainder explains that smooth functions cannot follow: a name, and a wave, must add more, and
     # evidence to first order is no better known.  Set after seeing simulated takes of unknown physics, twice: at 0.1

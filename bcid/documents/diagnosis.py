@@ -57,7 +57,9 @@ class NamedEffect(Part):
     heldout_gain: Number = None  # nats, on blocks that the refit has not seen
     heldout_gain_ci95: Interval | None = None
     gain_nats: Number = None  # nats, on the whole recording
-    gate_nats: Number = None  # that it must exceed: what chance reaches with this effect
+    gate_nats: Number = (
+        None  # what chance hardly reaches with this effect: it must exceed that in more than one stretch
+    )
     sentence: str = ""
     held: str | None = None  # the entry of the vehicle file of which a wrong value would look the same
 
@@ -283,7 +285,7 @@ class DiagnosisDocument(Document):
     nat_sizes: dict[str, dict[str, Figure]] = Field(
         default_factory=dict
     )  # by effect and parameter, how large one that is not found had to be (SI) for the drive to show one nat of it
-    gate_nats: Number = None  # what chance reaches on these recordings with the best of all effects
+    gate_nats: Number = None  # what chance hardly reaches on these recordings, with whatever it may be
     stretches: int | None = None  # of 1.5 s, in which the recordings are predicted
     located: Located | None = None
     unexplained: Unexplained | None = None

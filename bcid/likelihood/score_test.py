@@ -22,6 +22,8 @@ from bcid.likelihood.take import SEGMENT_S, Take
 NULL_DRAWS, SEED = 999, 0
 REWEIGHTINGS = 4
 SHOWN_TAIL = (0.1, 0.01)  # tail of the null draws, by its probabilities, that they show well
+HALF_CHI2_FALL = 1.885  # nats between these in the gain of one column, half a chi-square where its multiple is positive
+MOST_SD = 5.0  # by which a trusted parameter is off by chance, where a bound of that is asked for
 POSE_TOLERANCE = 0.1  # of the distance from the origin, by which a pose's scale and the marker's offset may move it
 
 
@@ -130,7 +132,21 @@ def tail_scale(gains: Floats) -> float:
     """
     often, seldom = SHOWN_TAIL
     near, far = np.quantile(gains, [1.0 - often, 1.0 - seldom])
-    return max(float((far - near) / np.log(often / seldom)), 1.0)
+    return max(float(far - near) / HALF_CHI2_FALL, 1.0)
+
+
+def greatest_null_gain(changes: ProjectedChanges, own: slice) -> float:
+    """The score-test gain (nats) of the columns `own` that no signs of the segments' residuals exceed.
+
+    Whitened by the information, each segment has a slope of some length; signs can at best line these up.  A trusted
+    simulation's parameters are taken to be off by MOST_SD at most.
+    """
+    G = changes.information(own)
+    if not (np.diag(G) > LIKELIHOOD_LIMITS.min_information).all():
+        return 0.0
+    slopes = changes.weights[:, None] * changes.each_g[:, own]
+    slopes, pulls = (np.linalg.lstsq(np.linalg.cholesky(G), each.T)[0] for each in (slopes, changes.pulls[:, own]))
+    return 0.5 * float(np.linalg.norm(slopes, axis=0).sum() + MOST_SD * np.linalg.norm(pulls)) ** 2
 
 
 def best_amplitudes(g: Floats, G: Floats) -> Floats:

@@ -70,7 +70,8 @@ def _settle(problem: RefitProblem, state: RefitState) -> RefitState:
         gained = joint_densities(moved.terms, moved.start) - before
         better = gained > 0.0  # False where a prediction is not finite
         damping[moving] = np.where(better, less_damping(damping[moving]), more_damping(damping[moving]))
-        settled[moving] = better & (gained < LED_ON_NATS)
+        # a damped step may gain little far below the top
+        settled[moving] = better & (gained < LED_ON_NATS) & (damping[moving] == 0.0)
         found = put_segments(problem, found, moving[better], moved.part(np.flatnonzero(better)))
     return found
 

@@ -28,8 +28,11 @@ class StateSegments(NamedTuple):
         at = AboutNuisances(*(array[rows] for array in self.at))
         return StateSegments(first, self.start[chosen], at, part_of(self.terms, chosen))
 
-    def put(self, into: Ints, new: StateSegments) -> None:
-        """Replace the segments `into` by `new` ones of the same tangent: all but their derivatives, in place."""
+    def replace_in_place(self, into: Ints, new: StateSegments) -> None:
+        """Replace the segments `into` by `new` ones of the same tangent, all but their derivatives.
+
+        The caller must own the arrays: those of a part do, those of a kept state do not.
+        """
         rows, _ = select_spans(self.first, into)
         self.start[into], self.at.r[rows] = new.start, new.at.r
         for whole, part in zip(self.terms, new.terms, strict=True):

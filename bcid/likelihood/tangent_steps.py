@@ -54,9 +54,9 @@ def step_along_tangent(problem: RefitProblem, state: RefitState, chosen: Ints, d
         now = joint_densities(there.terms, there.start)
         better = now > worth[left]
         to, failed = left[better], left[~better]
-        at.put(to, there.part(np.flatnonzero(better)))
+        at.replace_in_place(to, there.part(np.flatnonzero(better)))
         worth[to], promised[to] = now[better], promised_to_all(part_of(at.terms, to), at.start[to])
-        holds[to] |= ~moved[to] & (promised[to] < HELD_SHARE * first[to])
+        holds[to] |= ~moved[to] & np.isfinite(first[to]) & (promised[to] < HELD_SHARE * first[to])
         damping[failed] = np.where(moved[failed], damping[failed], more_damping(damping[failed]))
         ended[failed], moved[to] = moved[failed], True
     return TangentSteps(at, moved, holds, damping)

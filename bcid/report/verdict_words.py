@@ -58,13 +58,15 @@ def short_take_sentence(d: DiagnosisDocument) -> str:
 
     >>> d = DiagnosisDocument(verdict="nothing-found", stretches=13, gate_nats=17.2)
     >>> short_take_sentence(d)
-    'A short take: of 13 stretches of 1.5 s, what makes it likelier by less than 17 nats cannot be told from chance.'
+    'A short take: of 13 stretches of 1.5 s, what makes it likelier by less than some 17 nats is hardly told from chance.'
     """
     if d.stretches is None or d.stretches >= LIMITS.short_stretches or d.gate_nats is None:
         return ""
     unseen = len({u.effect for u in d.not_excited})
-    text = f"A short take: of {d.stretches} stretches of 1.5 s, what makes it likelier by less than {d.gate_nats:.0f}"
-    text += " nats cannot be told from chance"
+    text = (
+        f"A short take: of {d.stretches} stretches of 1.5 s, what makes it likelier by less than some {d.gate_nats:.0f}"
+    )
+    text += " nats is hardly told from chance"
     if not unseen:
         return f"{text}."
     few = "effect shows only where it is" if unseen == 1 else "effects show only where they are"

@@ -31,19 +31,24 @@ def add_names_plainly(state: SearchState, fit: Fit, more: Sequence[Fit], report:
     """
     take = state.take
     while len(named_effects(fit)) < SEARCH_LIMITS.max_effects:
-        candidates = screen_effects(fit, take, state.trials_beside(fit))[: SEARCH_LIMITS.max_candidates]
+        candidates = screen_effects(fit, take, state.trials_beside(fit))
         promising = [c for c in candidates if c.score > SEARCH_LIMITS.min_score_share * state.gate_of(c.effect)]
+        promising = promising[: SEARCH_LIMITS.max_candidates]
         report_round(promising, fit, report)
         quick = refits.refit_candidates_along_tangent(fit, take, promising)
         first = refits.rank_credible_fits(quick, take)[:PLAIN_REFITS]
         found = refits.rank_credible_fits([*(refits.refit_fully(f, take) for f in first), *more], take)
-        if not found:
+        better = next((f for f in found if _counts_plainly(state, f, fit)), None)
+        if better is None:
             break
-        name, gained = found[0].hypothesis.effects[-1], gain_nats(found[0], fit)
-        if gained < state.gate_of(name) or gained < state.required_nats(state.explain(found[0]).nats, name):
-            break
-        fit, more = found[0], ()
+        fit, more = better, ()
     return fit
+
+
+def _counts_plainly(state: SearchState, found: Fit, fit: Fit) -> bool:
+    """Whether the effect that `found` has more than `fit` adds as much as it must, with nothing beside it."""
+    name, gained = found.hypothesis.effects[-1], gain_nats(found, fit)
+    return gained >= state.gate_of(name) and gained >= state.required_nats(state.explain(found).nats, name)
 
 
 def weigh_plain_names(state: SearchState, rest: RemainderFit, fit: Fit) -> RemainderFit:

@@ -95,7 +95,7 @@ def _judge(state: SearchState, rest: RemainderFit, name: str) -> Judged:
     fit = state.keep_likeliest(refit_with_effects(rest.named, state.take, others))
     plain, less = gain_nats(rest.named, fit), Lesser(fit, state.weigh_anew(fit))
     counted = _counted_share(rest.named, fit)
-    alone = plain - state.gate_of(name) / counted if counted else -np.inf
+    alone = plain - state.gate_of_held(name) / counted if counted else -np.inf
     if alone <= 0.0:
         return Judged(plain, alone, alone, less)
 
@@ -110,8 +110,8 @@ def _judge(state: SearchState, rest: RemainderFit, name: str) -> Judged:
         less = less._replace(weighed=state.remember(greater_evidence(less.weighed, found)))
         judged = judge(less, rest.log_evidence - less.weighed.log_evidence)
     if judged.surplus > 0.0:
-        beside = rest.log_evidence - less.weighed.log_evidence
-        judged = judge(less, _gain_beside_copies(state, rest, less, beside))
+        copied = _gain_beside_copies(state, rest, less, judged.gain)
+        judged = judge(less, min(rest.log_evidence - less.weighed.log_evidence, copied))
     return judged
 
 
@@ -132,19 +132,19 @@ def _least_beside(state: SearchState, rest: RemainderFit, less: Lesser, name: st
     """
     left, instead = state.with_copies(rest, CHANNELS).nats, less.weighed.nats
     explains_as_much = left < SEARCH_LIMITS.remainder_error * instead
-    beside = JUDGE_LIMITS.rival_nats if explains_as_much else state.required_nats(left, name)
+    missed = SEARCH_LIMITS.remainder_error * left
+    beside = JUDGE_LIMITS.rival_nats if explains_as_much else max(state.gate_of_held(name), missed)
     return max(beside, SEARCH_LIMITS.converged_share * instead)
 
 
 def _gain_beside_copies(state: SearchState, rest: RemainderFit, less: Lesser, gain: float) -> float:
-    """The nats of a name, of which it adds `gain` without copies of laws, where such copies may take its place.
+    """The nats that a name adds, `gain` without copies of laws, where such copies may take its place.
 
-    They may in a channel that is needed beside all names; elsewhere they may not, as no name could win.
+    They may in a channel that is needed beside all names; elsewhere, as no name could win, they may not: infinite nats.
     """
     full = state.with_copies(rest, CHANNELS)
     least = max(state.gate, SEARCH_LIMITS.needed_share * gain)
     needed = tuple(c for c, nats in full.seen.channel_nats().items() if nats > least) if full.nats > least else ()
     if not needed:
-        return gain
-    copied = state.with_copies(rest, needed).log_evidence - state.with_copies(less.weighed, needed).log_evidence
-    return min(gain, copied)
+        return np.inf
+    return state.with_copies(rest, needed).log_evidence - state.with_copies(less.weighed, needed).log_evidence

@@ -100,7 +100,7 @@ def name_effects(
     return Naming(
         base, corrected, before, rest=kept.full, gains=kept.gains, without=kept.without, rivals=rivals,
         dropped=dropped, others=_score_others(state, kept.rest, dropped), nulls=state.nulls,
-        chance=_chance_beside(state, kept.full), gates={name: state.gate_of(name) for name in kept.gains},
+        chance=_chance_beside(state, kept.full), gates={name: state.gate_of_held(name) for name in kept.gains},
     )  # fmt: skip
 
 
@@ -160,7 +160,10 @@ def _exchange_names(state: SearchState, kept: KeptNames, known: Sequence[Fit]) -
         exchanged = state.with_own_view(state.weigh_anew(others.best))
         if exchanged.log_evidence <= kept.rest.log_evidence or exchanges == MAX_EXCHANGES:
             break
-        kept = keep_names(state, exchanged)
+        again = keep_names(state, exchanged)
+        if again.rest.log_evidence <= kept.rest.log_evidence:
+            break  # what came in has not stayed
+        kept = again
     return kept, distinct_rivals(kept.rest.named, (others.best, *others.rivals))
 
 

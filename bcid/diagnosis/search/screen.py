@@ -56,11 +56,11 @@ class NullGains(NamedTuple):
 
     chance_level: float  # that the best of all trials exceeds with SEARCH_LIMITS.gate_p_value
     placebos: list[CandidateEffect]  # trials carried elsewhere in the take, best first
-    levels: Mapping[str, float] = MappingProxyType({})  # by effect; that any of all exceeds its own is as likely
+    levels: Mapping[str, float] = MappingProxyType({})  # by effect; that any of all exceeds its own is no likelier
 
     @property
     def gate(self) -> float:
-        """Nats that hardly any effect gains by chance: more than the best of all trials, and than any placebo."""
+        """Nats that all effects together hardly gain by chance, with a tail of e⁻ˣ: for what is none of them."""
         return max(self.chance_level, max((c.score for c in self.placebos), default=0.0))
 
     def gate_of(self, effect: str) -> float:
@@ -232,12 +232,14 @@ def sample_null_gains(fit: Fit, take: Take, trials: TrialChanges) -> NullGains:
     linearised = linearise_fit(fit, take)
     changes = project_out_fit(linearised, trials.columns, trials.widest)
     gains = score_test.null_gains(changes, [t.own for t in trials.trials])
+    most = np.array([score_test.greatest_null_gain(changes, t.own) for t in trials.trials])
     p, effects = SEARCH_LIMITS.gate_p_value, np.array([t.effect for t in trials.trials])
-    own = {str(effect): gains[effects == effect].max(axis=0) for effect in np.unique(effects)}
-    levels = {
-        name: score_test.null_quantile(each, p / len(own), score_test.tail_scale(each)) for name, each in own.items()
-    }
-    # of all together: with its own scale the effect of the slowest tail would rule what is said of all others
+    levels = dict[str, float]()
+    for effect in np.unique(effects).tolist():
+        own, among = gains[effects == effect].max(axis=0), p / len(set(effects.tolist()))
+        level = score_test.null_quantile(own, among, score_test.tail_scale(own))
+        levels[effect] = min(level, float(most[effects == effect].max()))
+    # of all together: with its own scale the effect of the slowest tail would rule what is said of all else
     level = score_test.null_quantile(gains.max(axis=0, initial=0.0), p)
     elsewhere = project_out_fit(linearised, trials.columns, trials.widest, moved=take.segments // 2)
     return NullGains(level, _rank_candidates(elsewhere, trials.trials), levels)

@@ -56,6 +56,13 @@ class SearchState:
         """Nats that each of the effects with these names must add, or the one that must add most of several."""
         return max((self._gates.get(name, self.gate) for name in names), default=self.gate)
 
+    def gate_of_held(self, name: str) -> float:
+        """Nats that a name must add which the fit at hand holds: no more than hardly anything adds beside all names.
+
+        Its own gate was drawn beside a fit that lacked it, and mostly more, which then passes for chance.
+        """
+        return min(self.gate_of(name), self.gate)
+
     def required_nats(self, unnamed: float, *names: str) -> float:
         """Nats that `names` must add beside a remainder of so many nats: smooth functions cannot follow a share of it.
 

@@ -64,7 +64,7 @@ def _oracle_gain_share(
 ) -> dict[str, Any]:
     """Held-out log-likelihood gain of a diagnosis over that of an oracle: a refit with the concealed effect itself.
 
-    Returns "oracle_share", the ratio, and "shown", whether the oracle's gain exceeds the diagnosis's gate (nats),
+    Returns "oracle_share", the ratio, and "shown", whether the oracle's gain exceeds the effect's gate (nats),
     which chance does not.  `truth` has the concealed effect's parameters, from which the oracle's refit starts.
     Effects that are there `also`, and are named, stand beside it in both, as they may outweigh it.  The ratio is None
     unless exactly one effect is concealed, its refit converges, and it is shown.
@@ -92,5 +92,5 @@ def _oracle_gain_share(
     nothing = held_out_log_likelihoods(without, take).sum()
     best = held_out_log_likelihoods(oracle, take).sum() - nothing
     reached = held_out_log_likelihoods(fit, take).sum() - nothing if fit is not corrected else 0.0
-    shown = bool(best > diagnosis.naming.nulls.gate)
+    shown = bool(best > diagnosis.naming.gate_of(effect))
     return {"oracle_share": float(reached / best) if shown else None, "shown": shown}

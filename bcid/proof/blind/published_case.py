@@ -6,7 +6,7 @@ from functools import cached_property
 
 from bcid.proof.blind.blind_case import LabFiles
 from bcid.proof.blind.concealed_effects import LARGEST_SIZES
-from bcid.proof.blind.nearest_figures import fit_servo_of_two_lags, nearest_figures
+from bcid.proof.blind.nearest_figures import fit_servo, fit_servo_of_two_lags, nearest_figures
 from bcid.proof.blind.small_case import SmallCase
 from bcid.proof.blind.small_files import (
     BODY,
@@ -64,7 +64,8 @@ class PublishedCase(SmallCase):
     def also(self) -> dict[str, dict[str, float]]:
         """True parameters by symbol of effects that may be named, too: the simulation lacks them, or their true size.
 
-        A servo of second order turns as one of first order does that is followed by a further lag.
+        A servo of second order turns more like two lags than like one: a further lag is there, though of no size of its
+        own, as what is published for the first has taken up a part of it.
         """
         published = self.published_figures.effects
         others = {
@@ -72,8 +73,9 @@ class PublishedCase(SmallCase):
             for effect, values in self.true_figures.effects.items()
             if effect not in self.answer and (effect in self.withheld or published[effect] != values)
         }
-        if self.other_laws:
-            others["steering_lag"] = {"tau": fit_servo_of_two_lags(self.plant()).figures["lag"]}
+        plant = self.plant()
+        if self.other_laws and fit_servo_of_two_lags(plant).error < fit_servo(plant).error:
+            others["steering_lag"] = {}
         return others
 
     @property

@@ -59,7 +59,8 @@ def answer_withheld_question(
 ) -> dict[str, Any]:
     """Take something out of the simulation of a drive, and diagnose the drive against the rest; return the row.
 
-    `day` is the row of `calibrate_simulation`.  Of the question AS_ASKED the row has, beside `diagnosis_row`:
+    `day` is the row of `calibrate_simulation`.  The "gate" in its row is that of the effects.  Of the
+    question AS_ASKED the row has, beside `diagnosis_row`:
 
     - "worth", the nats by which the drive is likelier with what is withheld (`fit_true_structure`);
     - "equivalents", names that it cannot be told from (`find_equivalents`), where it is worth more than its "gate";
@@ -71,9 +72,9 @@ def answer_withheld_question(
     less = _withhold(drive.simulation, withholding)
     reference = move_start(less, variation, [drive.estimate], drive.vehicle)
     diagnosis, row = drive.diagnose(reference)
+    row = {**row, "gate": round(diagnosis.naming.gate_of(*withholding.effects), 1)}
     if variation != AS_ASKED:
         return row
-    row = {**row, "gate": round(diagnosis.naming.gate_of(*withholding.effects), 1)}
     return {**row, **_find_truth(drive, withholding, diagnosis, row), "ratios": _ratios(question, drive, less, inputs)}
 
 
