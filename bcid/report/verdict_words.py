@@ -58,14 +58,12 @@ def short_take_sentence(d: DiagnosisDocument) -> str:
 
     >>> d = DiagnosisDocument(verdict="nothing-found", stretches=13, gate_nats=17.2)
     >>> short_take_sentence(d)
-    'A short take: of 13 stretches of 1.5 s, what makes it likelier by less than some 17 nats is hardly told from chance.'
+    'A short take: of 13 stretches of 1.5 s, what adds less than some 17 nats is hardly told from chance.'
     """
     if d.stretches is None or d.stretches >= LIMITS.short_stretches or d.gate_nats is None:
         return ""
     unseen = len({u.effect for u in d.not_excited})
-    text = (
-        f"A short take: of {d.stretches} stretches of 1.5 s, what makes it likelier by less than some {d.gate_nats:.0f}"
-    )
+    text = f"A short take: of {d.stretches} stretches of 1.5 s, what adds less than some {d.gate_nats:.0f}"
     text += " nats is hardly told from chance"
     if not unseen:
         return f"{text}."
