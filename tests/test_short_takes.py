@@ -132,7 +132,7 @@ def test_a_short_take_s_gate_and_what_it_cannot_show_are_said(tmp_path: Path) ->
     )
     said = short_take_sentence(short(not_excited=unseen))
     assert "13 stretches" in said
-    assert "less than 17 nats" in said
+    assert "less than some 17 nats" in said
     assert "2 effects show only where they are unusually large" in said
     assert "1 effect shows only where it is" in short_take_sentence(short(not_excited=unseen[:1]))
     assert said in "".join(str(part) for part in diagnosis_tables(short(not_excited=unseen)).renderables[:1])
