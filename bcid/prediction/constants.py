@@ -20,10 +20,14 @@ from bcid.aliases import Floats
 from bcid.effects.entry import Parameter
 from bcid.effects.table import ENTRIES
 from bcid.models.interface import Model
-from bcid.models.limits import LIMITS
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.model import NewtonEuler
-from bcid.models.newton_euler.parameters import drag_per_speed, is_identified, values_of_constants
+from bcid.models.newton_euler.parameters import (
+    drag_per_speed,
+    is_identified,
+    stated_errors,
+    values_of_constants,
+)
 from bcid.models.newton_euler.saved_car import as_correlation
 from bcid.models.newton_euler.with_remainder import NewtonEulerWithRemainder
 from bcid.physics.car import Car
@@ -134,6 +138,7 @@ def _car_with(car: Car, symbol: str, value: float, top_speed: float) -> Car:
 def _vary_augmented(model: AugmentedNewtonEuler) -> Iterator[ConstantVariation]:
     """The variations of a car with effects: its refitted constants, and its effects' parameters within their bounds."""
     errors: Mapping[str, float | None] = model.facts.get("se", {})
+    of_car = stated_errors(model.car, {"se": errors})
     bounds = {name: p for e in ENTRIES.values() for name, p in zip(e.fields, e.parameters, strict=True)}
     for symbol, error in errors.items():
         if error is None or not (math.isfinite(error) and error > 0.0):
@@ -147,14 +152,12 @@ def _vary_augmented(model: AugmentedNewtonEuler) -> Iterator[ConstantVariation]:
                     replace(model, effects={**model.effects, symbol: value + change}) for change in (up, -down)
                 )
                 yield ConstantVariation(symbol, raised, lowered, 2.0 * error / (up + down))
-        elif symbol in Car._fields:
+        elif of_car.get(symbol) is not None and symbol in Car._fields:
             value = getattr(model.car, symbol)
-            # drag may pass through zero; of the others, an error of half the value says that no take shows them
-            if symbol in ("R_1", "R_2") or error <= LIMITS.max_relative_se * abs(value):
-                raised, lowered = (
-                    replace(model, car=model.car._replace(**{symbol: value + sign * error})) for sign in (1, -1)
-                )
-                yield ConstantVariation(symbol, raised, lowered)
+            raised, lowered = (
+                replace(model, car=model.car._replace(**{symbol: value + sign * error})) for sign in (1, -1)
+            )
+            yield ConstantVariation(symbol, raised, lowered)
 
 
 def _changes_within(parameter: Parameter, value: float, error: float) -> tuple[float, float]:
