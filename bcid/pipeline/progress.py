@@ -7,11 +7,12 @@ from bcid.aliases import Progress
 # Shares that a diagnosis says of itself when a part of it begins, and the share of its time that has gone by then, of
 # drives of one to five minutes.
 SAID_SHARES = (0.0, 0.02, 0.05, 0.3, 0.8, 0.85, 0.92, 0.95, 1.0)
-TIME_SHARES = (0.0, 0.01, 0.02, 0.05, 0.8, 0.82, 0.85, 0.96, 1.0)
+TIME_SHARES = (0.0, 0.01, 0.03, 0.12, 0.86, 0.89, 0.925, 0.99, 1.0)
 SEARCH_SHARE = 0.3
 """The share that each round of the search for names says."""
-TYPICAL_ROUNDS = 10.0
-"""Rounds after which a share 1 - 1/e of the search's time is over, as a rule."""
+TYPICAL_ROUNDS = 20.0
+"""Rounds after which a share 1 - 1/e of the search's time is over, as a rule: the last, in which each name is left out,
+takes the longest."""
 
 
 def spread_rounds(progress: Progress) -> Progress:
