@@ -58,7 +58,7 @@ def test_what_one_effect_gains_by_chance_is_no_reason_to_doubt_another(drawn: sc
 
 
 def test_no_level_is_more_than_signs_can_reach(changes: ProjectedChanges, drawn: screen.NullGains) -> None:
-    """Of three loud segments' eight signs one in four lines them up: the tail ends soon."""
+    """A gain by chance is greatest when all segments pull the same way; the tail of the draws goes on beyond."""
     most = greatest_null_gain(changes, slice(3, 4))
     assert most == pytest.approx(0.5 * np.abs(changes.each_g[:, 3]).sum() ** 2 / changes.G[0, 3])
     gains = null_gains(changes, [slice(k, k + 1) for k in range(len(NAMES))])
@@ -69,7 +69,7 @@ def test_no_level_is_more_than_signs_can_reach(changes: ProjectedChanges, drawn:
 
 
 def test_a_level_is_met_as_rarely_where_segments_scatter_more_than_their_noise_says() -> None:
-    """Of the gain of one column whose multiple must be positive, nine times what noise alone makes of it."""
+    """Gains are nine times half a chi-square, and none where the multiple would be negative."""
     rng = np.random.default_rng(1)
 
     def gains(n: int) -> np.ndarray:

@@ -48,6 +48,7 @@ def add_names_plainly(state: SearchState, fit: Fit, more: Sequence[Fit], report:
 def _counts_plainly(state: SearchState, found: Fit, fit: Fit) -> bool:
     """Whether the effect that `found` has more than `fit` adds as much as it must, with nothing beside it."""
     name, gained = found.hypothesis.effects[-1], gain_nats(found, fit)
+    # what a remainder explains is costly to find, and not asked of what falls short of its gate
     return gained >= state.gate_of(name) and gained >= state.required_nats(state.explain(found).nats, name)
 
 
