@@ -15,6 +15,9 @@ from bcid.models.table import model_row, require_training_libraries
 from bcid.recording.saving import load_recording
 from bcid.vehicle import Vehicle
 
+FIT_SHARE = 0.9
+"""Share of the time at the end of the fit itself; then process noise is measured."""
+
 
 def run_fit_stage(
     folder: Path,
@@ -39,12 +42,13 @@ def run_fit_stage(
     require_training_libraries([name])
     task = FitTask(
         [load_estimate(f) for f in estimates], vehicle, settings, seed, load_model(base) if base else None,
-        [load_recording(f) for f in recordings], progress,
+        [load_recording(f) for f in recordings],
+        lambda share, text: progress(FIT_SHARE * share, text),
     )  # fmt: skip
     check_excitation(task.estimates)
     model = model_row(name).load_class().fit(task)
     save_model(model, folder)
-    progress(1.0, "process noise")
+    progress(FIT_SHARE, "process noise")
     ModelValidity.measure(model, task.estimates, seed).save(folder)
     save_residuals(measure_residuals(model, task.estimates), folder)
     (folder / "description.txt").write_text(model.describe() + "\n", encoding="utf-8")
