@@ -18,10 +18,10 @@ from bcid.errors import PredictionDiverged
 from bcid.likelihood import base_fit, newton
 from bcid.likelihood.base_fit import BASINS, FIRST_PUSH, GO_ON, BaseFits, first_cars, fit_base
 from bcid.likelihood.hypothesis import Hypothesis
-from bcid.likelihood.marginal import UNLIMITED, Scales
 from bcid.likelihood.newton import evaluate_at
 from bcid.likelihood.refit import THOROUGH, Fit, evaluate_fixed, refit
 from bcid.likelihood.refit_state import MIN_GAIN, Effort, RefitProblem, promised_to_all, segment_worths
+from bcid.likelihood.scales import UNLIMITED, Scales
 from bcid.likelihood.take import N_START, Take
 from bcid.proof.blind.diagnose_case import estimate_concealed_drive
 from bcid.proof.blind.small_files import published_simulation_text, small_vehicle_text

@@ -32,18 +32,11 @@ from bcid.likelihood.limits import LIKELIHOOD_LIMITS, SEGMENT_LIMITS
 from bcid.likelihood.marginal import (
     NU,
     MarginalTerms,
-    Scales,
-    autoregression,
     checked_marginal_terms,
-    cholesky_factor,
     eliminate_nuisance,
-    estimate_scales,
-    inverse_of_triangle,
-    log_determinant,
     robust_weights,
     score_and_information,
     segment_moments,
-    solve_triangular,
     student_log_densities,
 )
 from bcid.likelihood.newton import derivatives_at, evaluate_at, tangent_at
@@ -58,6 +51,8 @@ from bcid.likelihood.prepare import effect_constants
 from bcid.likelihood.refit import evaluate_fixed, refit
 from bcid.likelihood.refit_state import Effort, build_state
 from bcid.likelihood.refit_state import RefitProblem as Fitted
+from bcid.likelihood.scale_estimate import autoregression, estimate_scales
+from bcid.likelihood.scales import Scales
 from bcid.likelihood.score_test import affected_segments
 from bcid.likelihood.take import (
     GROUP_S,
@@ -72,6 +67,7 @@ from bcid.likelihood.take import (
     drop_standing,
     drop_unknown_beginning,
 )
+from bcid.likelihood.triangles import cholesky_factor, inverse_of_triangle, log_determinant, solve_triangular
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle

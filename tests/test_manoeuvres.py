@@ -41,12 +41,12 @@ from bcid.likelihood.base_fit import fit_base
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
-from bcid.likelihood.marginal import Scales
 from bcid.likelihood.newton import evaluate_at
 from bcid.likelihood.nuisance import linearise_nuisances, pose_residuals
 from bcid.likelihood.prepare import scale_at_speed
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.refit_state import RefitProblem
+from bcid.likelihood.scales import Scales
 from bcid.likelihood.take import KNOT_S, KNOTS, N_NUISANCE, SEGMENT_S, Take, concatenate_takes
 from bcid.recording.formats.commands_file import read_commands_file
 from bcid.vehicle import Body, Motor, Steering, Vehicle

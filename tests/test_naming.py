@@ -26,14 +26,7 @@ from bcid.estimate.tuning import Tuning
 from bcid.likelihood import nuisance, refit_state
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import parameter_jacobian
-from bcid.likelihood.marginal import (
-    Scales,
-    estimate_scales,
-    robust_weights,
-    score_and_information,
-    segment_moments,
-    student_log_densities,
-)
+from bcid.likelihood.marginal import robust_weights, score_and_information, segment_moments, student_log_densities
 from bcid.likelihood.newton import bounded_newton_step
 from bcid.likelihood.nuisance import AboutNuisances, about_no_pushes, pose_residuals
 from bcid.likelihood.prediction_inputs import PredictionInputs
@@ -42,6 +35,8 @@ from bcid.likelihood.prepare import (
 )
 from bcid.likelihood.projection import linearise_fit, project_out_fit
 from bcid.likelihood.refit import Fit, evaluate_fixed, refit
+from bcid.likelihood.scale_estimate import estimate_scales
+from bcid.likelihood.scales import Scales
 from bcid.likelihood.take import KNOT_S, KNOTS, SEGMENT_S, Take, cut_segments
 from bcid.physics.car import Car
 from bcid.proof.blind.cases import BlindCase

@@ -24,9 +24,9 @@ from bcid.evaluation.validity import DataRange, ModelValidity
 from bcid.files.json import read_json, write_json
 from bcid.files.parquet import read_columns
 from bcid.likelihood.hypothesis import Hypothesis
-from bcid.likelihood.marginal import Scales
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.refit_state import Tangent
+from bcid.likelihood.scales import Scales
 from bcid.models.interface import History, Model, history_at
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.model import NewtonEuler

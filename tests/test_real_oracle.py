@@ -25,8 +25,8 @@ from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import position_errors
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
-from bcid.likelihood.marginal import Scales
 from bcid.likelihood.refit import Fit, refit
+from bcid.likelihood.scales import Scales
 from bcid.likelihood.take import Take
 from bcid.likelihood.tracking_functions import TRACKING_COLUMNS
 from bcid.likelihood.unnamed_functions import NO_UNNAMED, UnnamedFunctions

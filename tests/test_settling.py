@@ -9,12 +9,13 @@ import pytest
 from concealed import concealing
 
 from bcid.likelihood.lane_rollout import segment_layout
-from bcid.likelihood.marginal import Scales, student_log_densities
+from bcid.likelihood.marginal import student_log_densities
 from bcid.likelihood.newton import derivatives_at, evaluate_at, slope_and_curvature, tangent_at
 from bcid.likelihood.nuisance import about_no_pushes, linearise_nuisances, pose_residuals, posterior_step
 from bcid.likelihood.predict import predict_poses
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.refit_state import RefitProblem, RefitState, build_state, promised_to_all
+from bcid.likelihood.scales import Scales
 from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START, Take, pad_with_zero_pushes
 from bcid.likelihood.tangent_steps import SETTLED_NATS, damped_step
 

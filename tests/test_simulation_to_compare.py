@@ -28,10 +28,10 @@ from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
 from bcid.likelihood.hypothesis import DRAG, SPEED_LAW, TYRES, Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
-from bcid.likelihood.marginal import Scales
 from bcid.likelihood.prepare import base_hypothesis
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.refit_state import Tangent
+from bcid.likelihood.scales import Scales
 from bcid.models import published
 from bcid.models.saving import save_model
 from bcid.proof.blind.concealed_effects import draw_outside_effect

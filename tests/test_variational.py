@@ -17,12 +17,12 @@ from bcid.likelihood import newton, nuisance
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import changed_cars, parameter_jacobian
 from bcid.likelihood.lane_rollout import SegmentLayout, segment_layout
-from bcid.likelihood.marginal import Scales
 from bcid.likelihood.newton import tangent_at
 from bcid.likelihood.nuisance import linearise_residuals, pose_residuals
 from bcid.likelihood.predict import COARSE, FINE, linearise_poses, predict_poses
 from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.refit_state import RefitProblem
+from bcid.likelihood.scales import Scales
 from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START, Take, cut_segments
 from bcid.recording.types import Recording
 

@@ -19,12 +19,12 @@ from bcid.experiment.limits import EXPERIMENT_LIMITS
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
-from bcid.likelihood.marginal import Scales
 from bcid.likelihood.nuisance import linearise_nuisances, pose_residuals
 from bcid.likelihood.price import price_nats
 from bcid.likelihood.projection import linearise_fit, project_out_fit
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.refit_state import Tangent
+from bcid.likelihood.scales import Scales
 from bcid.likelihood.score_test import compute_trial_changes, replace_value
 from bcid.likelihood.take import Take
 

@@ -15,12 +15,13 @@ from bcid.experiment.simulate import NO_NOISE, commands_only_take, simulate_stat
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
-from bcid.likelihood.marginal import Scales, checked_marginal_terms, score_and_information, segment_moments
+from bcid.likelihood.marginal import checked_marginal_terms, score_and_information, segment_moments
 from bcid.likelihood.newton import evaluate_at
 from bcid.likelihood.nuisance import about_no_pushes, linearise_nuisances, pose_residuals
 from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.refit_state import RefitProblem
+from bcid.likelihood.scales import Scales
 from bcid.likelihood.take import Take
 from bcid.physics.car import integration_step
 

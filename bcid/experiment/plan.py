@@ -17,8 +17,8 @@ from bcid.experiment.manoeuvres import ARENA, Arena, PlannedDrive, feasible_driv
 from bcid.experiment.patterns import COMMAND_HZ
 from bcid.likelihood.hypothesis import USUAL_FOLLOWING_S, Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
-from bcid.likelihood.marginal import Scales
 from bcid.likelihood.prepare import scale_at_speed
+from bcid.likelihood.scales import Scales
 from bcid.likelihood.score_test import compute_trial_changes
 from bcid.likelihood.take import SEGMENT_S, as_one_recording, concatenate_takes
 from bcid.physics.car import Car, typical_inertia_and_tyres

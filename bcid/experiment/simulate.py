@@ -14,8 +14,8 @@ from bcid.effects.constants import Constants
 from bcid.effects.measurement import tracked_pose
 from bcid.effects.motion import integrate_body, steady_lags
 from bcid.likelihood.divergence import require_finite
-from bcid.likelihood.marginal import Scales
 from bcid.likelihood.prediction_inputs import PredictionInputs
+from bcid.likelihood.scales import Scales
 from bcid.likelihood.take import GROUP_S, KNOT_S, KNOTS, N_NUISANCE, SEGMENT_S, Take, pad_with_zero_pushes
 from bcid.physics.car import LONGEST_STEP_S, Car
 

@@ -2,7 +2,8 @@
 
 Multi-step output errors: short segments of poses (`take`), each with a free initial state, predicted (`predict`, by
 `lane_rollout` from `lane_start` on, `observe` and `tracking_functions`, from `prediction_inputs`) under random pushes
-of unknown size, which are eliminated (`marginal`, `nuisance`).  Derivatives go along with a prediction
+of unknown size, which are eliminated (`marginal`, by `triangles`, and `nuisance`); their size and the noise's, the
+`scales`, are found by `scale_estimate`.  Derivatives go along with a prediction
 (`linearised_rollout`) by the variational equation: `variational` at a stage, with `lag_derivatives` and
 `remainder_derivatives`, and `step_matrix` over a step meet in `step_derivatives`; `jacobian` has those by a
 hypothesis's parameters, `force_history` those by all that may act on the car.

@@ -17,9 +17,9 @@ from bcid.aliases import Floats
 from bcid.likelihood.divergence import map_converged, none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
-from bcid.likelihood.marginal import INDEPENDENT, UNLIMITED, Scales
 from bcid.likelihood.refit import Fit, evaluate_fixed, refit
 from bcid.likelihood.refit_state import Effort
+from bcid.likelihood.scales import INDEPENDENT, UNLIMITED, Scales
 from bcid.likelihood.take import Take
 from bcid.physics.car import Car, typical_inertia_and_tyres
 

@@ -9,10 +9,10 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.likelihood import nuisance
 from bcid.likelihood.hypothesis import Hypothesis
-from bcid.likelihood.marginal import Scales
 from bcid.likelihood.prior import Prior
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.refit_state import MAX_EM_STEPS, RefitProblem, build_state
+from bcid.likelihood.scales import Scales
 from bcid.likelihood.take import Take
 
 

@@ -19,7 +19,6 @@ Over segments the residuals follow Student's t with nu degrees of freedom in pla
 segment that goes badly wrong does not rule the rest; it has n - 6 dimensions, six being spent on x_0.
 """
 
-import functools
 import math
 from typing import NamedTuple
 
@@ -27,52 +26,20 @@ import numba
 import numpy as np
 
 from bcid.aliases import Floats, Ints
-from bcid.compiled.njit import njit, njit_parallel
+from bcid.compiled.njit import njit_parallel
 from bcid.errors import PredictionDiverged
-from bcid.likelihood.divergence import require_finite
-from bcid.likelihood.limits import LIKELIHOOD_LIMITS
-from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START
+from bcid.likelihood.scales import Scales
+from bcid.likelihood.take import N_NUISANCE, N_START
+from bcid.likelihood.triangles import (
+    LEAST_PIVOT,
+    cholesky_factor,
+    inverse_of_triangle,
+    log_determinant,
+    solve_triangular,
+)
 
 NU = 8.0  # degrees of freedom of Student's t
-MIN_VARIANCE = 1e-10  # what is left of a difference of large numbers may be negative
-EM_TOLERANCE = 1e-3  # relative change of the scales, and change of correlations, at which EM ends
-BISECTIONS = 30  # of the interval in which a correlation is sought
-INDEPENDENT = np.zeros(3)  # correlations of pushes that do not last
-INDEPENDENT.setflags(write=False)
-# share of its diagonal below which a pivot is rounding: some hundred times the smallest difference of numbers
-LEAST_PIVOT = 1e-13
-MOST_UNSHOWN = 3  # numbers of a segment that poses need not show: its twist; where the car is they always show
 MAX_ROUNDING = 0.1  # share of nu by which rounding may make a sum of squares negative
-
-
-class Scales(NamedTuple):
-    """Standard deviations of the noise (m, m, rad) and of the pushes (m/s^2, m/s^2, rad/s^2), and how these last."""
-
-    r: Floats  # (3,)
-    q: Floats  # (3,)
-    rho: Floats = INDEPENDENT  # correlation of each push with the next one
-
-    def nuisance_precision(self) -> Floats:
-        """Prior precision (N_NUISANCE, N_NUISANCE) of [initial state, pushes]: zero for the initial state.
-
-        Of the pushes it is that of autoregressive ones of first order, Q^-1.
-        """
-        return _nuisance_precision(tuple(self.q.tolist()), tuple(self.rho.tolist()))
-
-
-@functools.lru_cache(maxsize=16)  # refits come back to the same scales, many times within a step
-def _nuisance_precision(q: tuple[float, ...], rho: tuple[float, ...]) -> Floats:
-    """The precision of `Scales.nuisance_precision`, which must not be written to."""
-    known = np.zeros((N_NUISANCE, N_NUISANCE))
-    pushes = known[N_START:, N_START:].reshape(KNOTS, 3, KNOTS, 3)
-    last, inner = np.eye(KNOTS, k=1) + np.eye(KNOTS, k=-1), np.diag(np.r_[0.0, np.ones(KNOTS - 2), 0.0])
-    for c, (sd, lasts) in enumerate(zip(q, rho, strict=True)):
-        pushes[:, c, :, c] = (np.eye(KNOTS) - lasts * last + lasts**2 * inner) / ((1.0 - lasts**2) * sd**2)
-    known.setflags(write=False)
-    return known
-
-
-UNLIMITED = Scales(np.full(3, math.inf), np.full(3, math.inf), np.full(3, LIKELIHOOD_LIMITS.most_lasting))
 
 
 class Moments(NamedTuple):
@@ -115,79 +82,6 @@ def segment_moments(residual: Floats, A: Floats, first: Ints) -> Moments:
             Ar[s, c] = np.dot(Ac.T, rc)
             rr[s, c] = np.dot(rc, rc)
     return Moments(AA, Ar, rr, first[1:] - first[:-1])
-
-
-@njit
-def cholesky_factor(M: Floats) -> Floats:
-    """The lower triangular L (n, n) with L L^T = M, a symmetric matrix; NaN where M is not positive semidefinite.
-
-    A pivot that rounding alone decides counts as LEAST_PIVOT of its diagonal, MOST_UNSHOWN times at most: a part of an
-    initial state that poses do not show at all (a side slip that is gone before the first of them leaves a shift) is
-    then hardly known, instead of nothing being known of the segment.  Written out because LAPACK would raise where M is
-    indefinite, and an exception in a parallel loop ends the process.
-    """
-    n = len(M)
-    L, unshown = np.zeros((n, n)), 0
-    for i in range(n):
-        for j in range(i + 1):
-            left = M[i, j]
-            for k in range(j):
-                left -= L[i, k] * L[j, k]
-            if i > j:
-                L[i, j] = left / L[j, j]
-                continue
-            unshown += 1 if left < LEAST_PIVOT * M[i, i] else 0
-            if -LEAST_PIVOT * M[i, i] < left < np.inf and M[i, i] > 0.0 and unshown <= MOST_UNSHOWN:
-                L[i, i] = math.sqrt(max(left, LEAST_PIVOT * M[i, i]))
-            else:
-                return np.full((n, n), np.nan)
-    return L
-
-
-@njit
-def log_determinant(L: Floats) -> float:
-    """log|L L^T| of a lower triangular `L` with a positive diagonal."""
-    total = 0.0
-    for i in range(len(L)):
-        total += 2.0 * math.log(L[i, i])
-    return total
-
-
-@njit
-def inverse_of_triangle(L: Floats) -> Floats:
-    """The inverse (n, n) of a lower triangular `L` (n, n), which is one, too."""
-    n = len(L)
-    inverse = np.zeros((n, n))
-    for i in range(n):
-        inverse[i, i] = 1.0 / L[i, i]
-        for j in range(i):
-            left = 0.0
-            for k in range(j, i):
-                left -= L[i, k] * inverse[k, j]
-            inverse[i, j] = left / L[i, i]
-    return inverse
-
-
-@njit
-def solve_triangular(L: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Solutions y = L^-1 b and z = L^-T y (n,), of a lower triangular `L` (n, n); y . y is b . (L L^T)^-1 b.
-
-    Where a part of an initial state is hardly shown, as where a car stands, L L^T is almost singular, and b . z would
-    be lost in rounding; y . y is not.
-    """
-    n = len(b)
-    y, z = np.empty(n), np.empty(n)
-    for i in range(n):
-        left = b[i]
-        for k in range(i):
-            left -= L[i, k] * y[k]
-        y[i] = left / L[i, i]
-    for i in range(n - 1, -1, -1):
-        left = y[i]
-        for k in range(i + 1, n):
-            left -= L[k, i] * z[k]
-        z[i] = left / L[i, i]
-    return y, z
 
 
 @njit_parallel
@@ -271,47 +165,6 @@ def student_log_densities(terms: MarginalTerms) -> Floats:
     return np.asarray(constant - 0.5 * terms.log_det - half * np.log1p(terms.chi2 / NU))
 
 
-def em_update(terms: MarginalTerms, rows: Ints, most: Scales = UNLIMITED) -> Scales:
-    """Standard deviations of noise and pushes after one step of expectation maximisation (EM) from likelihood `terms`.
-
-    `rows` (S,) counts the mean poses of each segment; scales are `most` at most.  Squared residuals and pushes are
-    multiplied by the segment's robust weight, posterior variances are not: that would bias the scales, and raise the
-    likelihood where nothing is missing.  Variances are divided by the mean weight to converge in fewer steps
-    (parameter-expanded EM; Meng and van Dyk 1997).
-    """
-    w = robust_weights(terms)
-    r2 = (w[:, None] * terms.rest + terms.spread).sum(axis=0) / rows.sum()
-    pushes = terms.z[:, N_START:].reshape(-1, KNOTS, 3)
-    spread = terms.V[:, N_START:, N_START:].reshape(-1, KNOTS, 3, KNOTS, 3)
-    products = np.einsum("s,skc,slc->ckl", w, pushes, pushes) + np.einsum("skclc->ckl", spread)
-    q2, rho = autoregression(products / len(w), most.rho)
-    r, q = (np.sqrt(np.maximum(square / w.mean(), MIN_VARIANCE)) for square in (r2, q2))
-    return Scales(np.minimum(r, most.r), np.minimum(q, most.q), rho)
-
-
-def autoregression(products: Floats, most: Floats) -> tuple[Floats, Floats]:
-    """Likeliest variances and correlations (C,) of C autoregressive processes of first order, by their mean products.
-
-    `products` (C, K, K) are means of p_k p_l over stretches of K values.  Let a be the sum of p_k^2, b of p_k p_{k+1},
-    and c of p_k^2 but for both ends.  Then -2 log density is K log S + (K - 1) log(1 - rho^2), where S = K q^2 =
-    (a - 2 rho b + rho^2 c) / (1 - rho^2).  It is least where
-
-        K (rho c - b) (1 - rho^2) + rho (a - 2 rho b + rho^2 c) = 0.
-
-    Below zero, and beyond `most` (C,), rho is not sought.
-    """
-    K = products.shape[1]
-    square = np.einsum("ckk->ck", products)
-    a, b, c = square.sum(axis=1), np.einsum("ckk->ck", products[:, :-1, 1:]).sum(axis=1), square[:, 1:-1].sum(axis=1)
-    low, high = np.zeros_like(a), most.copy()
-    for _ in range(BISECTIONS):
-        rho = 0.5 * (low + high)
-        rises = K * (rho * c - b) * (1.0 - rho**2) + rho * (a - 2.0 * rho * b + rho**2 * c) > 0.0
-        low, high = np.where(rises, low, rho), np.where(rises, rho, high)
-    rho = 0.5 * (low + high)
-    return (a - 2.0 * rho * b + rho**2 * c) / ((1.0 - rho**2) * K), rho
-
-
 def checked_marginal_terms(moments: Moments, scales: Scales) -> MarginalTerms:
     """Marginal likelihood terms (chi^2, log-determinant, posterior) of each segment by `eliminate_nuisance`, checked.
 
@@ -322,7 +175,7 @@ def checked_marginal_terms(moments: Moments, scales: Scales) -> MarginalTerms:
             shift of the car is less than rounding; an unstable car can cause both.
     """
     _require_resolved_answers(moments)
-    return _terms_within_rounding(moments, scales)
+    return terms_within_rounding(moments, scales)
 
 
 def _require_resolved_answers(moments: Moments) -> None:
@@ -335,34 +188,10 @@ def _require_resolved_answers(moments: Moments) -> None:
         raise PredictionDiverged("an answer to an initial state or a push left what rounding resolves")
 
 
-def _terms_within_rounding(moments: Moments, scales: Scales) -> MarginalTerms:
+def terms_within_rounding(moments: Moments, scales: Scales) -> MarginalTerms:
     """The terms of `eliminate_nuisance`; raises `PredictionDiverged` where rounding makes a chi^2 negative."""
     terms = eliminate_nuisance(moments, scales.r, scales.nuisance_precision())
     # an unstable car answers so strongly that a difference of large numbers is lost
     if not (terms.chi2 > -MAX_ROUNDING * NU).all():
         raise PredictionDiverged("a quadratic form was lost in rounding")
     return terms
-
-
-def estimate_scales(
-    moments: Moments, scales: Scales, steps: int, most: Scales = UNLIMITED
-) -> tuple[Scales, MarginalTerms]:
-    """The likeliest scales of noise and pushes, and the segments' marginal likelihood terms there.
-
-    Expectation maximisation (EM) takes at most `steps` from `scales`, and ends where they change by less than the
-    relative EM_TOLERANCE, and correlations by EM_TOLERANCE; `steps` = 0 only evaluates.  Scales are `most` at most.
-    `moments` are the segments' products of residuals and derivatives by nuisances (`segment_moments`).
-
-    Raises:
-        PredictionDiverged: where a prediction or a scale is not finite, or rounding makes a chi^2 negative.
-    """
-    require_finite("a prediction", moments.rr, moments.AA)
-    terms = checked_marginal_terms(moments, scales)
-    for _ in range(steps):
-        before, scales = scales, em_update(terms, moments.rows, most)
-        require_finite("the noise", scales.r, scales.q, scales.rho)
-        terms = _terms_within_rounding(moments, scales)
-        same = np.allclose(np.r_[before.r, before.q], np.r_[scales.r, scales.q], rtol=EM_TOLERANCE, atol=0.0)
-        if same and np.allclose(before.rho, scales.rho, rtol=0.0, atol=EM_TOLERANCE):
-            break
-    return scales, terms

@@ -9,8 +9,8 @@ from bcid.aliases import Floats
 from bcid.likelihood import marginal, nuisance
 from bcid.likelihood.divergence import require_finite
 from bcid.likelihood.jacobian import base_jacobian, parameter_jacobian
-from bcid.likelihood.marginal import Scales
 from bcid.likelihood.refit_state import EM_STEPS, RefitProblem, RefitState, Tangent, build_state
+from bcid.likelihood.scales import Scales
 from bcid.likelihood.settling import restart_misfitting_segments, settle_initial_states
 
 MAX_STEP = 3.0  # of any component of phi

@@ -12,7 +12,7 @@ from bcid.effects.entry import VehicleScale
 from bcid.estimate.types import Estimate
 from bcid.likelihood.base_fit import FIRST_PUSH, BaseFits, fit_base, refit_basins
 from bcid.likelihood.hypothesis import Hypothesis
-from bcid.likelihood.marginal import Scales
+from bcid.likelihood.scales import Scales
 from bcid.likelihood.take import Take, build_take
 from bcid.physics.car import Car, integration_step
 from bcid.recording.checks.contacts import Contact

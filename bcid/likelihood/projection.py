@@ -17,9 +17,10 @@ import numpy as np
 from bcid.aliases import Bools, Floats, Ints
 from bcid.likelihood.divergence import require_finite
 from bcid.likelihood.jacobian import parameter_jacobian
-from bcid.likelihood.marginal import estimate_scales, robust_weights, segment_moments
+from bcid.likelihood.marginal import robust_weights, segment_moments
 from bcid.likelihood.nuisance import about_no_pushes, pose_residuals
 from bcid.likelihood.refit import Fit
+from bcid.likelihood.scale_estimate import estimate_scales
 from bcid.likelihood.take import N_NUISANCE, Take
 
 

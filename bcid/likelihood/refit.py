@@ -17,7 +17,6 @@ from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.following import answer_parameters, follow_parameters, move_initial_states
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.kept_fits import kept_in_proofs
-from bcid.likelihood.marginal import UNLIMITED, Scales
 from bcid.likelihood.nuisance import about_no_pushes, pose_residuals
 from bcid.likelihood.price import price_nats
 from bcid.likelihood.prior import Prior
@@ -30,6 +29,7 @@ from bcid.likelihood.refit_state import (
     build_state,
     segment_worths,
 )
+from bcid.likelihood.scales import UNLIMITED, Scales
 from bcid.likelihood.take import Take
 from bcid.physics.car import Car
 

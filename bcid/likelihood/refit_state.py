@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Bools, Floats
-from bcid.likelihood import marginal
 from bcid.likelihood.hypothesis import Hypothesis
-from bcid.likelihood.marginal import NU, UNLIMITED, MarginalTerms, Scales, segment_moments, student_log_densities
+from bcid.likelihood.marginal import NU, MarginalTerms, segment_moments, student_log_densities
 from bcid.likelihood.nuisance import about_no_pushes, pose_residuals, posterior_step
 from bcid.likelihood.prior import Prior
+from bcid.likelihood.scale_estimate import estimate_scales
+from bcid.likelihood.scales import UNLIMITED, Scales
 from bcid.likelihood.take import N_START, Take
 
 MIN_GAIN = 0.5  # nats, less than which counts for nothing
@@ -79,7 +80,7 @@ def build_state(
     estimated from `scales` by at most `em_steps` of expectation maximisation.
     """
     moments = segment_moments(about_no_pushes(r, A, start, problem.take.first), A, problem.take.first)
-    scales, terms = marginal.estimate_scales(moments, scales, em_steps, problem.most)
+    scales, terms = estimate_scales(moments, scales, em_steps, problem.most)
     return RefitState(phi, start, scales, r, A, terms, problem.objective(phi, terms))
 
 

@@ -58,16 +58,15 @@ def _settle(problem: RefitProblem, state: RefitState) -> RefitState:
         unsettled = np.flatnonzero(~(settled | (damping > MOST_DAMPING) | (_unearned_nats(found) < SETTLED_NATS)))
         if not len(unsettled):
             break
-        before = joint_densities(part_of(found.terms, unsettled), found.start[unsettled])
         steps = step_along_tangent(problem, found, unsettled, damping[unsettled])
         damping[unsettled], held = steps.damping, np.flatnonzero(steps.holds)
         found = put_segments(problem, found, unsettled[held], steps.segments.part(held))
         anew = np.flatnonzero(steps.moved & ~steps.holds)
         if not len(anew):
             continue
-        moving, before = unsettled[anew], before[anew]
+        moving = unsettled[anew]
         moved = linearise_from(problem, found, moving, steps.segments.start[anew])
-        gained = joint_densities(moved.terms, moved.start) - before
+        gained = joint_densities(moved.terms, moved.start) - steps.before[anew]
         better = gained > 0.0  # False where a prediction is not finite
         damping[moving] = np.where(better, less_damping(damping[moving]), more_damping(damping[moving]))
         # a damped step may gain little far below the top

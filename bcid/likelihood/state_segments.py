@@ -8,9 +8,10 @@ import numpy as np
 
 from bcid.aliases import Bools, Floats, Ints
 from bcid.likelihood import marginal, nuisance
-from bcid.likelihood.marginal import MarginalTerms, Scales, segment_moments, student_log_densities
+from bcid.likelihood.marginal import MarginalTerms, segment_moments, student_log_densities
 from bcid.likelihood.nuisance import AboutNuisances, about_no_pushes
 from bcid.likelihood.refit_state import RefitProblem, RefitState
+from bcid.likelihood.scales import Scales
 from bcid.likelihood.take import Take, select_spans
 
 
@@ -28,15 +29,15 @@ class StateSegments(NamedTuple):
         at = AboutNuisances(*(array[rows] for array in self.at))
         return StateSegments(first, self.start[chosen], at, part_of(self.terms, chosen))
 
-    def replace_in_place(self, into: Ints, new: StateSegments) -> None:
-        """Replace the segments `into` by `new` ones of the same tangent, all but their derivatives.
+    def replace_in_place(self, into: Ints, new: StateSegments, chosen: Ints) -> None:
+        """Replace the segments `into` by the `chosen` ones of `new`, of the same tangent, all but their derivatives.
 
         The caller must own the arrays: those of a part do, those of a kept state do not.
         """
-        rows, _ = select_spans(self.first, into)
-        self.start[into], self.at.r[rows] = new.start, new.at.r
+        rows, new_rows = select_spans(self.first, into)[0], select_spans(new.first, chosen)[0]
+        self.start[into], self.at.r[rows] = new.start[chosen], new.at.r[new_rows]
         for whole, part in zip(self.terms, new.terms, strict=True):
-            whole[into] = part
+            whole[into] = part[chosen]
 
 
 def linearise_from(problem: RefitProblem, state: RefitState, chosen: Ints, start: Floats) -> StateSegments:

@@ -8,9 +8,11 @@ from bcid.aliases import Floats, Ints
 from bcid.bootstrap import draw_blocks, quantile_interval
 from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.errors import PredictionDiverged
-from bcid.likelihood.marginal import Scales, estimate_scales, segment_moments, student_log_densities
+from bcid.likelihood.marginal import segment_moments, student_log_densities
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.refit_state import Effort
+from bcid.likelihood.scale_estimate import estimate_scales
+from bcid.likelihood.scales import Scales
 from bcid.likelihood.take import Take
 
 HALF_EFFORT = Effort(iterations=3)

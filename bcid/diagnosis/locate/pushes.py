@@ -14,8 +14,9 @@ from bcid.effects.linkage import angle_at_rest
 from bcid.effects.motion import integrate_body
 from bcid.likelihood.lane_rollout import SegmentLayout, push_wrenches, segment_layout, shift_chain_time
 from bcid.likelihood.lane_start import first_lags_of_one, steps_of_recording
-from bcid.likelihood.marginal import estimate_scales, segment_moments
+from bcid.likelihood.marginal import segment_moments
 from bcid.likelihood.refit import Fit
+from bcid.likelihood.scale_estimate import estimate_scales
 from bcid.likelihood.take import KNOTS, N_START, Take
 from bcid.physics.car import Car
 

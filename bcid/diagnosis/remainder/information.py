@@ -20,10 +20,11 @@ from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.likelihood.force_history import ACTIONS, history_values
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import changed_cars, on_body_and_servo, parameter_jacobian
-from bcid.likelihood.marginal import MarginalTerms, estimate_scales, robust_weights, segment_moments
+from bcid.likelihood.marginal import MarginalTerms, robust_weights, segment_moments
 from bcid.likelihood.nuisance import LinearisedHistories, about_no_pushes, linearise_histories
 from bcid.likelihood.prior import Prior
 from bcid.likelihood.refit import Fit
+from bcid.likelihood.scale_estimate import estimate_scales
 from bcid.likelihood.take import N_NUISANCE, Take
 from bcid.likelihood.tracking_functions import tracking_changes
 from bcid.likelihood.unnamed_functions import NO_REMAINDER

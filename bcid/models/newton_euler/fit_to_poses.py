@@ -15,9 +15,10 @@ from bcid.errors import PredictionDiverged
 from bcid.likelihood.divergence import refuse_divergence
 from bcid.likelihood.hypothesis import DRAG
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
-from bcid.likelihood.marginal import estimate_scales, segment_moments, student_log_densities
+from bcid.likelihood.marginal import segment_moments, student_log_densities
 from bcid.likelihood.prepare import base_hypothesis, prepare_and_fit_base
 from bcid.likelihood.refit import Fit
+from bcid.likelihood.scale_estimate import estimate_scales
 from bcid.likelihood.take import Take
 from bcid.models.interface import FitTask
 from bcid.models.limits import LIMITS

@@ -18,8 +18,9 @@ from bcid.diagnosis.diagnose import Diagnosis
 from bcid.diagnosis.locate.pushes import Disturbances
 from bcid.diagnosis.search.screen import simulate_trials
 from bcid.effects.table import EFFECTS
-from bcid.likelihood.marginal import estimate_scales, robust_weights, score_and_information, segment_moments
+from bcid.likelihood.marginal import robust_weights, score_and_information, segment_moments
 from bcid.likelihood.refit import Fit
+from bcid.likelihood.scale_estimate import estimate_scales
 from bcid.likelihood.take import Take
 from bcid.proof.blind.limits import LIMITS
 from bcid.proof.blind.regressors import (
