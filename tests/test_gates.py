@@ -79,6 +79,7 @@ def test_a_level_is_met_as_rarely_where_segments_scatter_more_than_their_noise_s
     share = float(np.mean([np.mean(gains(200_000) > level) for level in levels]))
     assert 0.3e-4 < share < 4e-4
     assert np.mean(gains(200_000) > null_quantile(gains(999), 1e-4)) > 10e-4  # with a tail of e⁻ˣ
+    assert tail_scale(gains(999) / 30.0) == 1.0  # no tail falls faster than e⁻ˣ
 
 
 def test_any_effect_exceeds_its_own_level_as_rarely_as_is_said(
