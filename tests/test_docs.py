@@ -107,12 +107,16 @@ def parameters_table(found: dict[str, object]) -> str:
 
 def predictions_table(found: dict[str, object]) -> str:
     """How often 95 % intervals of predictions hold, by car, model and horizon."""
-    rows = ["| car | model | after | starts | pose | twist | both, its interval |", "|---|---|---|---|---|---|---|"]
+    rows = [
+        "| car | model | after | starts | pose | twist | both, its interval | least of a draw |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
     for r in found["rows"]:  # type: ignore[attr-defined]
         low, high = r["ci95"]
         model = f"{r['model']}, {r['loss']}" if r["loss"] else r["model"]
         shares = [f"{100 * r[key]:.0f} %" for key in ("pose", "twist", "covered")]
         shares[2] += f" ({100 * low:.0f} – {100 * high:.0f})"
+        shares.append(f"{100 * min(r['draws']):.0f} %")
         after = f"{r['horizon_s']:g} s"
         rows.append(f"| {' | '.join([r['car'], model, after, str(r['starts']), *shares])} |")
     return "\n".join(rows)
