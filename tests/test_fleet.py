@@ -326,7 +326,7 @@ def test_an_order_can_be_sent_and_its_paths_hold_everywhere(lab: Path, monkeypat
     sent: FleetOrder = pickle.loads(pickle.dumps(order))  # noqa: S301  # as processes are sent it
     monkeypatch.chdir("/")
     assert sent == order
-    made = order.config_of(lab / "logs" / "a.csv")
+    made = order.settings.of_one(lab / "logs" / "a.csv")
     assert (made.training, made.validation, made.diagnose) == ([lab / "logs" / "a.csv"], None, [])
 
 

@@ -117,6 +117,7 @@ def test_the_command_writes_factors_and_the_car_of_all(tmp_path: Path, vehicle_f
     words = ["pool", *map(str, takes), "--vehicle", str(vehicle_file), "--out", str(tmp_path / "work")]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output
+    assert len(list((tmp_path / "work" / "tune").iterdir())) == 2  # the estimator is tuned to each by itself
     found = PoolDocument.read(tmp_path / "work" / "pool.json")
     assert [r.reference for r in found.recordings] == [True, False]
     assert found.recordings[0].factors[0].factor == 1.0

@@ -23,6 +23,7 @@ from bcid.models.newton_euler.initial_guess import guess_car
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.newton_euler.parameters import constant_units
 from bcid.models.saving import save_model
+from bcid.pipeline.config import PipelineConfig
 from bcid.pipeline.run import Pipeline
 from bcid.recording.saving import load_recording
 from bcid.recording.types import Recording
@@ -55,17 +56,14 @@ def fit_recording(recording: Recording, estimate: Estimate, vehicle: Vehicle) ->
 def fit_recordings(
     work: Pipeline, paths: Sequence[Path], workers: Workers, progress: Progress = lambda share, text: None
 ) -> dict[Path, Attempt[FittedRecording]]:
-    """Fit the base model to each recording at `paths`, several at a time; what each gave, or why it failed."""
-    # the filter is tuned to all of them together, so that their motion is estimated here
-    folders = {path: attempt(f"estimate {work.names[path]}", partial(_estimate, work, path)) for path in paths}
+    """Fit the base model to each recording at `paths`, several at a time; what each gave, or why it failed.
+
+    The estimator is tuned to each by itself, as by `bcid fleet`, so that no process holds more than one.
+    """
     made = dict[Path, Attempt[FittedRecording]]()
 
     def prepare(path: Path) -> Callable[[], Attempt[FittedRecording]]:
-        estimated, problems = folders[path]
-        if estimated is None:
-            return partial(Attempt, None, problems)
-        fit = partial(_fit_saved_recording, *estimated, work.vehicle, work.names[path])
-        return partial(attempt, f"fit {work.names[path]}", fit, REPORT_FIT)
+        return partial(_estimate_and_fit, work.config.of_one(path), work.names[path])
 
     def lose(path: Path) -> Attempt[FittedRecording]:
         return Attempt(None, [describe_lost_process(f"fit {work.names[path]}")])
@@ -76,14 +74,18 @@ def fit_recordings(
     return {path: made[path] for path in paths}
 
 
-def _estimate(work: Pipeline, path: Path) -> tuple[Path, Path]:
-    """The folders of a recording and of its motion."""
-    return work.ingest(path).folder.absolute(), work.estimate(path).folder.absolute()
+def _estimate_and_fit(config: PipelineConfig, name: str) -> Attempt[FittedRecording]:
+    """Estimate the motion of the one recording of `config`, and fit the base model to it, in whatever process."""
+    (path,) = config.training
 
+    def estimate() -> tuple[Recording, Estimate, Vehicle]:
+        work = Pipeline(config)
+        return load_recording(work.ingest(path).folder), load_estimate(work.estimate(path).folder), work.vehicle
 
-def _fit_saved_recording(ingested: Path, estimated: Path, vehicle: Vehicle, name: str) -> FittedRecording:
-    """Fit the base model to the recording and the motion that are saved in two folders, in whatever process."""
-    return fit_recording(load_recording(ingested), load_estimate(estimated), vehicle)._replace(name=name)
+    read, problems = attempt(f"estimate {name}", estimate)
+    if read is None:
+        return Attempt(None, problems)
+    return attempt(f"fit {name}", lambda: fit_recording(*read)._replace(name=name), REPORT_FIT)
 
 
 def save_pooled_model(pooled: PooledCar, period_s: float, folder: Path) -> None:

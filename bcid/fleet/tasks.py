@@ -27,21 +27,12 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class FleetOrder:
-    """What is to be done to each log of a fleet, with paths that hold in every process."""
+    """What is to be done to each log of a fleet."""
 
     settings: PipelineConfig  # of all logs; recordings are not among them
     models: tuple[str, ...]
     diagnose: bool
     simulation: str | None = None  # that logs are compared with
-
-    def config_of(self, log: Path, unseen: Path | None = None) -> PipelineConfig:
-        """The configuration of one log, as a command makes it for one that is named; `unseen` is to be predicted."""
-        places = {name: getattr(self.settings, name) for name in ("vehicle", "workspace", "effects")}
-        absolute = {name: path and path.absolute() for name, path in places.items()}
-        return self.settings.model_copy(update={
-            "training": [log.absolute()], "validation": unseen and unseen.absolute(), "truth": None, "diagnose": [],
-            **absolute,
-        })  # fmt: skip
 
 
 class WorkedLog(NamedTuple):
@@ -102,7 +93,7 @@ def _evaluate(
     order: FleetOrder, log: Path, models: Sequence[str], unseen: Path, unseen_name: str, watcher: Watcher
 ) -> LogEvaluation:
     """Scores of the models that were fitted to `log` on the log `unseen`, and why any has none."""
-    work, problems = attempt("evaluate", lambda: Pipeline(order.config_of(log, unseen), watcher))
+    work, problems = attempt("evaluate", lambda: Pipeline(order.settings.of_one(log, unseen), watcher))
     if work is None:
         return LogEvaluation(problems=tuple(problems))
     artifacts, scores = list[KeptArtifact](), list[LogScore]()
@@ -124,7 +115,7 @@ class _LogWork:
     def __init__(self, order: FleetOrder, log: Path, watcher: Watcher) -> None:
         """Begin with a log of which nothing is known."""
         self.order, self.given = order, log
-        config = order.config_of(log)
+        config = order.settings.of_one(log)
         (self.log,) = config.training
         self.work = Pipeline(config, watcher)
         self.artifacts, self.problems, self.figures = list[KeptArtifact](), list[LogProblem](), dict[str, Any]()

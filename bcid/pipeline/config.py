@@ -115,6 +115,18 @@ class PipelineConfig(PipelineFile):
         tables = {name: getattr(self.fit, name).model_copy(update={"loss": loss}) for name in names}
         return self.model_copy(update={"fit": self.fit.model_copy(update=tables)})
 
+    def of_one(self, recording: Path, unseen: Path | None = None) -> PipelineConfig:
+        """This configuration for one recording, as a command makes it where that is named alone.
+
+        Its paths hold in every process; the recording `unseen` is to be predicted.
+        """
+        places = {name: getattr(self, name) for name in ("vehicle", "workspace", "effects")}
+        absolute = {name: path and path.absolute() for name, path in places.items()}
+        return self.model_copy(update={
+            "training": [recording.absolute()], "validation": unseen and unseen.absolute(), "truth": None,
+            "diagnose": [], **absolute,
+        })  # fmt: skip
+
     def fit_settings(self, model: str) -> dict[str, Any]:
         """Settings of a model's fit, the model's defaults among them, as JSON data."""
         return dict(getattr(self.fit, _field_name(model)).model_dump(mode="json", by_alias=True))
