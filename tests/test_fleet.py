@@ -326,8 +326,9 @@ def test_an_order_can_be_sent_and_its_paths_hold_everywhere(lab: Path, monkeypat
     sent: FleetOrder = pickle.loads(pickle.dumps(order))  # noqa: S301  # as processes are sent it
     monkeypatch.chdir("/")
     assert sent == order
-    made = order.settings.of_one(lab / "logs" / "a.csv")
-    assert (made.training, made.validation, made.diagnose) == ([lab / "logs" / "a.csv"], None, [])
+    made = sent.config_of(Path("logs", "a.csv"), Path("logs", "b.mcap"))
+    assert (made.training, made.validation, made.diagnose) == ([lab / "logs" / "a.csv"], lab / "logs" / "b.mcap", [])
+    assert (made.workspace, made.vehicle) == (lab / "work", lab / "vehicle.toml")
 
 
 def test_a_folder_s_recordings_are_told_by_their_content(lab: Path, tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,10 +22,11 @@ from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
 from bcid.evaluation.seen_takes import load_seen_takes
 from bcid.fleet import pool_recordings
-from bcid.fleet.pool_recordings import FittedRecording, fit_recording
+from bcid.fleet.pool_recordings import FittedRecording, estimate_and_fit, fit_recording
 from bcid.fleet.pooled_car import CarSummary, pool_car, summarise_fit, weigh_alternatives
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.models.saving import load_model
+from bcid.pipeline.config import PipelineConfig
 from bcid.recording.types import Recording
 from bcid.simulation.car import configure_simulation
 from bcid.simulation.drive import simulate_drive
@@ -169,6 +172,23 @@ def test_a_recording_that_cannot_be_fitted_costs_the_others_nothing(
     refused = CliRunner().invoke(app, [*words, "--ignore-health", "--reference", str(takes[1])]).exception
     assert isinstance(refused, InputRefused)
     assert PoolDocument.read(tmp_path / "work" / "pool.json") == found
+
+
+def test_a_pool_s_job_can_be_sent_and_says_which_step_failed(
+    tmp_path: Path, vehicle_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where the log has gone since; paths count from the folder in which the job was made."""
+    monkeypatch.chdir(tmp_path)
+    Path("car.toml").write_bytes(vehicle_file.read_bytes())
+    gone = Path("gone.csv")
+    settings = PipelineConfig(vehicle=Path("car.toml"), training=[gone], workspace=Path("work"), source="test")
+    job = partial(estimate_and_fit, settings.for_recording(tmp_path, gone), "gone")
+    sent = pickle.loads(pickle.dumps(job))  # noqa: S301  # as processes are sent it
+    monkeypatch.chdir("/")
+    result, (problem,) = sent()
+    assert result is None
+    assert (problem.stage, problem.error) == ("estimate gone", "InputRefused")
+    assert str(tmp_path / gone) in problem.text
 
 
 def commands_beside(take: Path) -> Path:

@@ -58,12 +58,12 @@ def fit_recordings(
 ) -> dict[Path, Attempt[FittedRecording]]:
     """Fit the base model to each recording at `paths`, several at a time; what each gave, or why it failed.
 
-    The estimator is tuned to each by itself, as by `bcid fleet`, so that no process holds more than one.
+    The estimator is tuned to each by itself, as by `bcid fleet`, so that no process holds the motion of more than one.
     """
     made = dict[Path, Attempt[FittedRecording]]()
 
     def prepare(path: Path) -> Callable[[], Attempt[FittedRecording]]:
-        return partial(_estimate_and_fit, work.config.of_one(path), work.names[path])
+        return partial(estimate_and_fit, work.config.for_recording(Path.cwd(), path), work.names[path])
 
     def lose(path: Path) -> Attempt[FittedRecording]:
         return Attempt(None, [describe_lost_process(f"fit {work.names[path]}")])
@@ -74,12 +74,13 @@ def fit_recordings(
     return {path: made[path] for path in paths}
 
 
-def _estimate_and_fit(config: PipelineConfig, name: str) -> Attempt[FittedRecording]:
+def estimate_and_fit(config: PipelineConfig, name: str) -> Attempt[FittedRecording]:
     """Estimate the motion of the one recording of `config`, and fit the base model to it, in whatever process."""
     (path,) = config.training
 
     def estimate() -> tuple[Recording, Estimate, Vehicle]:
         work = Pipeline(config)
+        work.refuse_unusable([path])  # it may have been written to since all were looked at
         return load_recording(work.ingest(path).folder), load_estimate(work.estimate(path).folder), work.vehicle
 
     read, problems = attempt(f"estimate {name}", estimate)

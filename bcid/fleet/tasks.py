@@ -7,7 +7,7 @@ commands give it.  A log is worked on by itself: the estimator is tuned to it, m
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -27,12 +27,17 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class FleetOrder:
-    """What is to be done to each log of a fleet."""
+    """What is to be done to each log of a fleet, in whatever process."""
 
     settings: PipelineConfig  # of all logs; recordings are not among them
     models: tuple[str, ...]
     diagnose: bool
     simulation: str | None = None  # that logs are compared with
+    home: Path = field(default_factory=Path.cwd)  # of the process that gives the order: relative paths count from it
+
+    def config_of(self, log: Path, unseen: Path | None = None) -> PipelineConfig:
+        """The configuration of one log, as a command makes it for one that is named; `unseen` is to be predicted."""
+        return self.settings.for_recording(self.home, log, unseen)
 
 
 class WorkedLog(NamedTuple):
@@ -93,7 +98,7 @@ def _evaluate(
     order: FleetOrder, log: Path, models: Sequence[str], unseen: Path, unseen_name: str, watcher: Watcher
 ) -> LogEvaluation:
     """Scores of the models that were fitted to `log` on the log `unseen`, and why any has none."""
-    work, problems = attempt("evaluate", lambda: Pipeline(order.settings.of_one(log, unseen), watcher))
+    work, problems = attempt("evaluate", lambda: Pipeline(order.config_of(log, unseen), watcher))
     if work is None:
         return LogEvaluation(problems=tuple(problems))
     artifacts, scores = list[KeptArtifact](), list[LogScore]()
@@ -115,7 +120,7 @@ class _LogWork:
     def __init__(self, order: FleetOrder, log: Path, watcher: Watcher) -> None:
         """Begin with a log of which nothing is known."""
         self.order, self.given = order, log
-        config = order.settings.of_one(log)
+        config = order.config_of(log)
         (self.log,) = config.training
         self.work = Pipeline(config, watcher)
         self.artifacts, self.problems, self.figures = list[KeptArtifact](), list[LogProblem](), dict[str, Any]()

@@ -66,7 +66,7 @@ def _settle(problem: RefitProblem, state: RefitState) -> RefitState:
             continue
         moving = unsettled[anew]
         moved = linearise_from(problem, found, moving, steps.segments.start[anew])
-        gained = joint_densities(moved.terms, moved.start) - steps.before[anew]
+        gained = joint_densities(moved.terms, moved.start) - steps.start_densities[anew]
         better = gained > 0.0  # False where a prediction is not finite
         damping[moving] = np.where(better, less_damping(damping[moving]), more_damping(damping[moving]))
         # a damped step may gain little far below the top

@@ -31,7 +31,7 @@ class TangentSteps(NamedTuple):
     """Where steps along a tangent have led some segments."""
 
     segments: StateSegments  # with the derivatives of the tangent
-    before: Floats  # (M,) joint log density of each where the tangent begins
+    start_densities: Floats  # (M,) joint log density of each where the tangent begins
     moved: Bools  # (M,)
     holds: Bools  # (M,) whether the first step shows that these derivatives are as good there
     damping: Floats  # (M,) of the next step
@@ -45,8 +45,8 @@ def step_along_tangent(problem: RefitProblem, state: RefitState, chosen: Ints, d
     """
     at, damping = _segments_of(problem, state, chosen), damping.copy()
     promised = promised_to_all(at.terms, at.start)
-    before, first = joint_densities(at.terms, at.start), promised.copy()
-    worth = before.copy()
+    start_densities, first = joint_densities(at.terms, at.start), promised.copy()
+    worth = start_densities.copy()
     moved, ended, holds = np.zeros((3, len(chosen)), dtype=bool)
     for _ in range(CHORDS):
         left = np.flatnonzero(~(ended | (promised < SETTLED_NATS)))
@@ -61,7 +61,7 @@ def step_along_tangent(problem: RefitProblem, state: RefitState, chosen: Ints, d
         holds[to] |= ~moved[to] & np.isfinite(first[to]) & (promised[to] < HELD_SHARE * first[to])
         damping[failed] = np.where(moved[failed], damping[failed], more_damping(damping[failed]))
         ended[failed], moved[to] = moved[failed], True
-    return TangentSteps(at, before, moved, holds, damping)
+    return TangentSteps(at, start_densities, moved, holds, damping)
 
 
 def _segments_of(problem: RefitProblem, state: RefitState, chosen: Ints) -> StateSegments:

@@ -115,16 +115,16 @@ class PipelineConfig(PipelineFile):
         tables = {name: getattr(self.fit, name).model_copy(update={"loss": loss}) for name in names}
         return self.model_copy(update={"fit": self.fit.model_copy(update=tables)})
 
-    def of_one(self, recording: Path, unseen: Path | None = None) -> PipelineConfig:
+    def for_recording(self, home: Path, recording: Path, unseen: Path | None = None) -> PipelineConfig:
         """This configuration for one recording, as a command makes it where that is named alone.
 
-        Its paths hold in every process; the recording `unseen` is to be predicted.
+        Relative paths count from the folder `home`, and are absolute in what is returned, so that they hold in every
+        process; the recording `unseen` is to be predicted.
         """
-        places = {name: getattr(self, name) for name in ("vehicle", "workspace", "effects")}
-        absolute = {name: path and path.absolute() for name, path in places.items()}
+        places = {name: getattr(self, name) for name in ("vehicle", "workspace", "effects", "commands")}
         return self.model_copy(update={
-            "training": [recording.absolute()], "validation": unseen and unseen.absolute(), "truth": None,
-            "diagnose": [], **absolute,
+            "training": [home / recording], "validation": unseen and home / unseen, "truth": None, "diagnose": [],
+            **{name: path and home / path for name, path in places.items()},
         })  # fmt: skip
 
     def fit_settings(self, model: str) -> dict[str, Any]:

@@ -16,7 +16,10 @@ from bcid.recording.saving import load_recording
 from bcid.vehicle import Vehicle
 
 FIT_SHARE = 0.9
-"""Share of the time at the end of the fit itself; then process noise is measured."""
+"""Share of a fit's time after which the model is fitted, and its process noise begins to be measured.
+
+On rollouts of the sample logs it is 0.8 for newton-euler, and 0.92 for k-sindy-mlp.
+"""
 
 
 def run_fit_stage(
