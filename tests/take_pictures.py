@@ -27,7 +27,7 @@ def take_pictures(browser: Any, workspace: Path) -> None:
     page = browser.new_page(viewport={"width": WIDTH_PX, "height": 800}, color_scheme="light")
     page.goto((workspace / "report" / "index.html").absolute().as_uri())
     page.screenshot(path=RESULTS / "report.png", full_page=True, clip=page.evaluate(HEADLINE))
-    page.goto((workspace / "diagnosis" / "index.html").absolute().as_uri())
+    page.goto((workspace / "diagnosis" / "diagnosis.html").absolute().as_uri())
     page.locator(MAP).first.screenshot(path=RESULTS / "another_day.png")
 
 
