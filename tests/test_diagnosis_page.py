@@ -455,6 +455,8 @@ def test_what_chance_reaches_is_told(tmp_path: Path) -> None:
     findings = [f | {"gate_nats": 11.5} for f in d["findings"]]
     own = page((d | {"gate_nats": 12.4, "findings": findings}, knots, tracks), tmp_path)[0]
     assert re.search(r"what chance hardly reaches with that effect: [\w ]+ 11.5 nats", own)
+    same = [f | {"gate_nats": 12.4} for f in d["findings"]]
+    assert "A name must add as much." in page((d | {"gate_nats": 12.4, "findings": same}, knots, tracks), tmp_path)[0]
     assert "Chance alone" not in page((d | {"gate_nats": None}, knots, tracks), tmp_path)[0]
 
 
