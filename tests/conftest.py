@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,6 +21,10 @@ from bcid.recording.types import Recording
 from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
 from bcid.simulation.samples import VEHICLE, SampleTake, write_sample_take
 from bcid.vehicle import Vehicle, read_vehicle
+
+# a shell without job control has what it starts in the background ignore Ctrl-C, as do the processes that this starts
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("kernels", deadline=None)  # the first call compiles
 settings.load_profile("kernels")

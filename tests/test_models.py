@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bcid.errors import InputRefused, UsageError
+from bcid.errors import InputRefused, LibraryMissing, UsageError
 from bcid.estimate.command_parts import hold_for_periods
 from bcid.estimate.tuning import Noise, Tuning
 from bcid.estimate.types import Estimate
@@ -32,7 +32,7 @@ from bcid.models.kinematic.state import KinematicCar
 from bcid.models.newton_euler import linear
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.saving import load_model, save_model
-from bcid.models.table import FITTABLE, MODELS, fittable_row, model_row
+from bcid.models.table import FITTABLE, MODELS, fittable_row, model_row, require_training_libraries
 from bcid.physics import car as equations
 from bcid.physics.car import Car
 from bcid.vehicle import Vehicle
@@ -55,14 +55,29 @@ def fitted(name: str, estimates: list[Estimate], vehicle: Vehicle, seed: int = 1
 
 @pytest.fixture(scope="session")
 def models(estimates: list[Estimate], vehicle: Vehicle) -> dict[str, Model]:
-    return {name: fitted(name, estimates, vehicle) for name in FITTABLE}
+    return {name: fitted(name, estimates, vehicle) for name in FITTABLE if can_be_trained(name)}
 
 
 def theta(x: np.ndarray, terms: np.ndarray, frame: KinematicCar) -> np.ndarray:
     return np.asarray(library.theta_matrix(x[None], terms, frame)[0])
 
 
-every_model = pytest.mark.parametrize("name", list(FITTABLE))
+def can_be_trained(name: str) -> bool:
+    """Whether the libraries that train a model, and the one that it builds on, are installed."""
+    row = model_row(name)
+    try:
+        require_training_libraries([name, *([row.base] if row.base else [])])
+    except LibraryMissing:
+        return False
+    return True
+
+
+def needs(*names: str) -> pytest.MarkDecorator:
+    """Skips a test where one of the models `names` cannot be trained."""
+    return pytest.mark.skipif(not all(map(can_be_trained, names)), reason="a library that trains them is not installed")
+
+
+every_model = pytest.mark.parametrize("name", [pytest.param(name, marks=needs(name)) for name in FITTABLE])
 
 
 @every_model
@@ -164,6 +179,7 @@ def plain_sum(sparse: Any, x: np.ndarray, frame: Any) -> np.ndarray:
     return np.array([xi @ np.prod(q**terms, axis=1) for xi, terms in columns])
 
 
+@needs("k-sindy", "k-mlp", "k-sindy-mlp", "narx-mlp")
 def test_compiled_steps_are_the_plain_ones(models: dict[str, Any], estimates: list[Estimate]) -> None:
     """Sums to 1e-9; networks, which run in single precision, to 1e-5."""
     take = estimates[0]
