@@ -14,12 +14,18 @@ import scene
 from exported_models import CAR, augmented_car, written
 from figures import drives_table, predictions_table, summarise
 
+from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.export.exported import export_model
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.physics.car import typical_inertia_and_tyres
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "docs" / "results" / "mpc.json"
+SIZE_DIGITS = {
+    "steering_delay": 4, "steering_nonlinearity": 5, "tyre_soft_saturation": 3, "rear_rolling_coulomb": 1,
+    "rear_rolling_viscous": 1,
+}  # fmt: skip
+"""Digits after the point with which docs/mpc.md tells the size of each effect that was found."""
 HEAVY_CAR = CAR._replace(
     m=320.0,
     K_t=275.0,
@@ -50,10 +56,28 @@ def test_the_page_s_tables_are_the_committed_figures(committed: dict[str, Any]) 
     assert f"all {own['parked']} drives end parked, and nothing is touched" in told
     assert own["touched"] == 0
     assert plain["parked"] == plain["drives"]
-    assert plain["touched"] == 1
+    assert plain["touched"] == 0
+    closest = [100.0 * s["least_clearance_m"] for s in (own, plain)]
+    assert "came as near as {:.1f} cm, the unaugmented one as {:.1f} cm".format(*closest) in told
+    times, ends = ([s[key]["median"] for s in (own, plain)] for key in ("time_s", "position_error_m"))
+    assert f"in {times[0]:.1f} s and {100.0 * ends[0]:.1f} cm from the mark" in told
+    assert f"take {times[1]:.1f} s and end {100.0 * ends[1]:.1f} cm from it" in told
+    assert own["time_s"]["high"] < plain["time_s"]["low"]
+    assert own["position_error_m"]["high"] < plain["position_error_m"]["low"]
     assert summary["linear"]["parked"] == 0
     beyond, backward = own["beyond_90_deg_s"]["median"], 100.0 * own["backward_m"]["median"]
     assert f"beyond 90° for {beyond:.1f} s, and the car rolls {backward:.0f} cm backward" in told
+
+
+def test_the_page_s_sizes_are_those_of_the_committed_diagnosis() -> None:
+    found = DiagnosisDocument.read(ROOT / "docs" / "results" / "mpc_diagnosis.json")
+    told = " ".join((ROOT / "docs" / "mpc.md").read_text(encoding="utf-8").split())
+    for finding in found.findings:
+        ((size, digits),) = ((p, SIZE_DIGITS[finding.effect]) for p in finding.parameters.values())
+        assert f"{size.value:.{digits}f} ± {size.se:.{digits}f}".replace("-", "−") in told
+    assert {finding.effect for finding in found.findings} == set(SIZE_DIGITS)
+    (after,) = (1.0 - h.ratio for h in found.horizons if h.horizon_s == 2.0)
+    assert f"after 2 s falls by {100.0 * after:.0f} %" in told
 
 
 def test_the_committed_summary_is_that_of_the_committed_drives(committed: dict[str, Any]) -> None:
