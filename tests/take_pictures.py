@@ -16,7 +16,7 @@ RESULTS = Path(__file__).parents[1] / "docs" / "results"
 WIDTH_PX = 1000
 MAP = "figure:has(svg[aria-label*='floor'])"
 HEADLINE = """() => {
-  const table = document.querySelector('main table, table').getBoundingClientRect();
+  const table = document.querySelector('table').getBoundingClientRect();
   return {x: 0, y: 0, width: innerWidth, height: table.bottom + scrollY + 12};
 }"""
 """The part of the page down to the end of its first table."""

@@ -326,6 +326,8 @@ def test_an_order_can_be_sent_and_its_paths_hold_everywhere(lab: Path, monkeypat
     sent: FleetOrder = pickle.loads(pickle.dumps(order))  # noqa: S301  # as processes are sent it
     monkeypatch.chdir("/")
     assert sent == order
+    alone = sent.config_of(Path("logs", "a.csv"))
+    assert (alone.training, alone.validation, alone.diagnose) == ([lab / "logs" / "a.csv"], None, [])
     made = sent.config_of(Path("logs", "a.csv"), Path("logs", "b.mcap"))
     assert (made.training, made.validation, made.diagnose) == ([lab / "logs" / "a.csv"], lab / "logs" / "b.mcap", [])
     assert (made.workspace, made.vehicle) == (lab / "work", lab / "vehicle.toml")

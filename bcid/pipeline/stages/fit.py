@@ -45,8 +45,7 @@ def run_fit_stage(
     require_training_libraries([name])
     task = FitTask(
         [load_estimate(f) for f in estimates], vehicle, settings, seed, load_model(base) if base else None,
-        [load_recording(f) for f in recordings],
-        lambda share, text: progress(FIT_SHARE * share, text),
+        [load_recording(f) for f in recordings], lambda share, text: progress(FIT_SHARE * share, text),
     )  # fmt: skip
     check_excitation(task.estimates)
     model = model_row(name).load_class().fit(task)
