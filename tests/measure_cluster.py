@@ -44,7 +44,7 @@ def write_logs(home: Path, count: int, seconds: float) -> None:
     (home / "logs").mkdir(parents=True, exist_ok=True)
     (home / VEHICLE_FILE).write_text(VEHICLE, encoding="utf-8")
     for i in range(count):
-        name = f"log_{i:04d}"
+        name = f"log_{i:04d}_{seconds:g}s"
         if not (home / "logs" / f"{name}.mcap").exists():
             write_sample_take(home / "logs", SampleTake(name, "mcap", seconds), Plant(**REAL_EXTRAS), Sensor(), 1 + i)
 
@@ -52,8 +52,7 @@ def write_logs(home: Path, count: int, seconds: float) -> None:
 def begin_fleet(home: Path, out: str, *where: str) -> subprocess.Popen[bytes]:
     """A process that takes all logs through everything."""
     words = ["fleet", "logs", "--vehicle", VEHICLE_FILE, "--out", out, *where, "--format", "quiet"]
-    env = {**os.environ, "SOURCE_DATE_EPOCH": MADE_S}
-    return subprocess.Popen([sys.executable, "-m", "bcid", *words], cwd=home, env=env)
+    return subprocess.Popen([sys.executable, "-m", "bcid", *words], cwd=home)
 
 
 def file_hashes(workspace: Path) -> dict[str, str]:
@@ -101,6 +100,7 @@ def main() -> None:
     """Run the fleet both ways, and write how far the two are the same."""
     home, count = Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 64
     seconds = float(sys.argv[3]) if len(sys.argv) > 3 else 600.0
+    os.environ["SOURCE_DATE_EPOCH"] = MADE_S  # of all processes, as workers of a cluster make pages, too
     write_logs(home, count, seconds)
     shutil.rmtree(home / "cluster", ignore_errors=True)
     begin = time.monotonic()

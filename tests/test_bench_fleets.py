@@ -12,7 +12,14 @@ import pytest
 from typer.testing import CliRunner
 
 from bcid.bench import fleets
-from bcid.bench.fleets import FleetCost, clear_peak_memory, measure_fleets, process_usage, summarise_fleets
+from bcid.bench.fleets import (
+    FleetCost,
+    clear_peak_memory,
+    measure_fleets,
+    process_usage,
+    run_and_weigh,
+    summarise_fleets,
+)
 from bcid.cli.app import app
 from bcid.execution.cluster import Cluster
 
@@ -58,6 +65,15 @@ def test_memory_of_earlier_runs_is_not_counted() -> None:
     assert process_usage()[1] > before + 100.0
     clear_peak_memory()
     assert process_usage()[1] < before + 100.0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells and clears it")
+def test_memory_that_the_weighing_process_once_had_is_not_the_command_s() -> None:
+    clear_peak_memory()
+    now = process_usage()[1]
+    use_memory(600)
+    assert process_usage()[1] > now + 500.0
+    assert run_and_weigh([sys.executable, "-c", "pass"]).peak_mib < now + 100.0
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells and clears it")

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,6 +20,7 @@ import pytest
 from clusters import run_cluster
 from pools import FakePool
 
+import bcid
 from bcid.errors import UsageError
 from bcid.execution import cluster as cluster_module
 from bcid.execution.cluster import Cluster, ClusterLost, package_digest
@@ -286,6 +290,46 @@ class ToldClient:
     def run(self, function: Callable[[], str], workers: list[str], on_error: str) -> dict[str, object]:
         self.asked.append(workers)
         return {worker: self.answers[worker] for worker in workers}
+
+
+def test_a_worker_tells_the_code_that_it_has_loaded_not_what_lies_there_later(tmp_path: Path) -> None:
+    """As where somebody pulls into a checkout that workers run."""
+    copy = tmp_path / "bcid"
+    shutil.copytree(Path(bcid.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    script = (
+        "from pathlib import Path; from bcid.execution.cluster import package_digest; first = package_digest();"
+        "Path('bcid/aliases.py').write_text('# other'); print(first, package_digest())"
+    )
+    run = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
+    first, later = run.stdout.split()
+    assert first == later == package_digest()
+
+
+THREADS_OF_LIBRARIES = """
+from bcid.execution.jobs import make_pool, run_jobs_in
+from threads_of_libraries import count_threads
+
+if __name__ == "__main__":
+    print([threads for _, threads in run_jobs_in(make_pool(1), [0], lambda _: count_threads)])
+"""
+
+
+def test_libraries_that_a_call_loads_have_one_thread(tmp_path: Path) -> None:
+    """As the linear algebra that scipy brings, which is not there when a process of the pool begins."""
+    (tmp_path / "threads_of_libraries.py").write_text(
+        "def count_threads():\n"
+        "    import scipy.linalg, threadpoolctl\n"
+        "    return max(library['num_threads'] for library in threadpoolctl.threadpool_info())\n",
+        encoding="utf-8",
+    )
+    (tmp_path / "ask.py").write_text(THREADS_OF_LIBRARIES, encoding="utf-8")
+    unsaid = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    path = os.pathsep.join([str(tmp_path), str(Path(bcid.__file__).parents[1])])
+    run = subprocess.run(
+        [sys.executable, str(tmp_path / "ask.py")], env=unsaid | {"PYTHONPATH": path}, capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    assert run.stdout.strip() == "[1]"
 
 
 @pytest.mark.parametrize("answer", ["0" * 64, ModuleNotFoundError("bcid"), PermissionError("cluster.py")])

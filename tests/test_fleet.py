@@ -114,6 +114,15 @@ def test_two_processes_make_what_single_commands_make_and_nothing_twice(
     assert {p: p.stat().st_mtime_ns for p in tmp_path.glob("*/*/*")} == written
 
 
+def test_an_artifact_that_somebody_edited_is_made_anew_and_told(lab: Path, logs: list[Path], tmp_path: Path) -> None:
+    fitted = next(a for a in run(lab, tmp_path, logs).logs[1].artifacts if a.stage == "fit")
+    edited = tmp_path / "fit" / fitted.key / "model.json"
+    edited.write_text(edited.read_text(encoding="utf-8") + " ", encoding="utf-8")
+    notes = [log.notes for log in run(lab, tmp_path, logs).logs]
+    assert notes[0] == notes[2] == ()
+    assert "was changed after it was written: it is made anew" in notes[1][0]
+
+
 def test_a_copy_of_a_log_is_told_and_is_no_unseen_drive(lab: Path, logs: list[Path], tmp_path: Path) -> None:
     """Models of a log are not tried on a copy of it, and what all logs say counts it once."""
     copy = tmp_path / "copies" / "again.mcap"

@@ -10,7 +10,7 @@ import pytest
 
 from bcid.errors import InputRefused
 from bcid.fleet import attempts
-from bcid.fleet.attempts import WAITS_S, TakeLocked, attempt
+from bcid.fleet.attempts import FEWER_JOBS, WAITS_S, TakeLocked, attempt
 from bcid.fleet.tasks import _LogWork
 from bcid.store.artifact import Artifact
 
@@ -93,6 +93,12 @@ def test_what_would_fail_again_is_not_tried_again(error: Exception, waits_s: lis
     step, tried = failing([error])
     assert attempt("ingest", step).result is None
     assert (len(tried), waits_s) == (1, [])
+
+
+def test_a_log_that_needs_more_memory_than_there_is_is_no_fault_of_the_program(waits_s: list[float]) -> None:
+    step, _ = failing([MemoryError()])
+    (problem,) = attempt("fit", step).problems
+    assert problem.text == f"out of memory\n  next: {FEWER_JOBS}"
 
 
 def test_a_lock_is_left_to_whoever_comes_back(waits_s: list[float]) -> None:

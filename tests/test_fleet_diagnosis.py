@@ -431,6 +431,8 @@ def test_false_rejections_are_few_among_many_hypotheses() -> None:
         (["a/Take 2026-11-28 10.01.02 AM.csv", "a/take_20261129.mcap"], ["2026-11-28", "2026-11-29"]),
         (["2026_11_28/one.csv", "2026_11_29/one.csv"], ["2026-11-28", "2026-11-29"]),
         (["monday/one.csv", "tuesday/one.csv"], ["monday", "tuesday"]),
+        (["monday/run/one.csv", "tuesday/run/one.csv"], ["monday/run", "tuesday/run"]),
+        (["a/run/one.csv", "b/run/one.csv", "c/test/one.csv"], ["a/run", "b/run", "c/test"]),
         (["one.csv", "two.csv"], ["", ""]),
         (["a/2026-11-28.csv", "b/other.csv"], ["a", "b"]),
         (["2026-01-01_campaign/monday/x.csv", "2026-01-01_campaign/tuesday/x.csv"], ["monday", "tuesday"]),
@@ -442,6 +444,12 @@ def test_days_are_read_from_names_and_folders(tmp_path: Path, paths: list[str], 
     labels = label_logs([tmp_path / p for p in paths], [Path(p).stem for p in paths])
     assert [label.day for label in labels.of_logs] == days
     assert list(labels.days) == list(dict.fromkeys(days))
+
+
+def test_a_log_without_a_date_is_named_where_others_have_one(tmp_path: Path) -> None:
+    paths = [tmp_path / f"{name}.csv" for name in ("2026-11-28", "2026-11-29", "calibration")]
+    told = label_logs(paths, [path.stem for path in paths]).describe()
+    assert told == "days unknown, all logs count as of one; dates do not count, as calibration has none"
 
 
 def test_a_table_says_day_and_car(tmp_path: Path) -> None:
@@ -512,7 +520,7 @@ def diagnosed_log(i: int, K_t: float) -> DiagnosedLog:
 
 def fleet_document(logs: list[DiagnosedLog], days: tuple[str, ...] = ALL_DAYS) -> FleetDocument:
     """The document of a fleet."""
-    rows = tuple(FleetLog(name=x.name, file=x.name, state="done", day=x.label.day) for x in logs)
+    rows = tuple(FleetLog(name=x.name, file=x.name, state="done", day=x.label.day, car=x.label.car) for x in logs)
     together = diagnose_together(logs, days)
     return FleetDocument(vehicle="car", models=("newton-euler",), diagnosed=True, logs=rows, together=together)
 
@@ -540,6 +548,19 @@ def test_diagnoses_are_put_into_words_and_on_a_page(tmp_path: Path) -> None:
     assert text.count("<svg") == 3  # the effect's logs, and a strip each for K_t and the patch
     document.write(tmp_path / "fleet.json")
     assert FleetDocument.read(tmp_path / "fleet.json") == document
+
+
+def test_the_cars_that_have_an_effect_are_named_with_their_logs() -> None:
+    """Every log that shows it is of the red car."""
+    logs = [diagnosed_log(i, 2.0) for i in range(len(DAYS))]
+    logs = [log._replace(label=log.label._replace(car="red" if i in HAVING else "blue")) for i, log in enumerate(logs)]
+    document = fleet_document(logs)
+    assert document.together is not None
+    (effect,) = document.together.effects
+    assert effect.in_cars["red"] > 0.9
+    assert effect.in_cars["blue"] < 0.1
+    assert "of the cars" in fleet_sentences(document)[0]
+    assert f": red ({', '.join(f'log_{i}' for i in HAVING[:-1])} and log_{HAVING[-1]})." in fleet_sentences(document)[0]
 
 
 def test_an_effect_is_told_of_the_days_whose_logs_have_it() -> None:

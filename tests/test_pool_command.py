@@ -111,6 +111,34 @@ def test_what_cannot_be_pooled_is_refused(summaries: list[CarSummary]) -> None:
         pool_car([summaries[1], other], ["mass"])
 
 
+@pytest.mark.parametrize(
+    ("takes", "words", "cause"),
+    [(2, ["--own", "colour"], "nothing that differs is called colour"), (1, [], "nothing to be pooled with")],
+)
+def test_what_cannot_be_pooled_is_refused_before_anything_is_fitted(
+    takes: int, words: list[str], cause: str, tmp_path: Path, vehicle_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pool_recordings, "fit_recordings", lambda *_: pytest.fail("fitted"))
+    plant, sensor = configure_simulation(True, [], 60.0)
+    files = [
+        write_sample_take(tmp_path, SampleTake(f"day_{i}", "motive", 20.0), plant, sensor, i) for i in range(takes)
+    ]
+    command = ["pool", *map(str, files), "--vehicle", str(vehicle_file), "--out", str(tmp_path / "work"), *words]
+    refused = CliRunner().invoke(app, command).exception
+    assert isinstance(refused, UsageError)
+    assert cause in str(refused)
+
+
+def test_a_drive_that_is_there_twice_is_refused(tmp_path: Path, vehicle_file: Path) -> None:
+    plant, sensor = configure_simulation(True, [], 60.0)
+    take = write_sample_take(tmp_path, SampleTake("day_0", "motive", 20.0), plant, sensor, 0)
+    part = f"{take}[2:15]"
+    command = ["pool", str(take), part, "--vehicle", str(vehicle_file), "--out", str(tmp_path / "work")]
+    refused = CliRunner().invoke(app, [*command, "--ignore-health"]).exception
+    assert isinstance(refused, InputRefused)
+    assert f"{part} is {take} once more, or a part of it" in str(refused)
+
+
 @pytest.mark.slow
 def test_the_command_writes_factors_and_the_car_of_all(tmp_path: Path, vehicle_file: Path) -> None:
     takes = []

@@ -106,6 +106,8 @@ def run_and_weigh(command: list[str]) -> WeighedRun:
     """
     if sys.platform == "win32":
         raise UsageError("fleets are weighed as POSIX systems do\n  next: run it on Linux")
+    if sys.platform == "linux":
+        clear_peak_memory()  # a process begins with the largest memory of the one that starts it
     begin = time.perf_counter()
     dropped = [(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]
     pid = os.posix_spawnp(command[0], command, os.environ, file_actions=dropped)

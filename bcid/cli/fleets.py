@@ -103,6 +103,8 @@ def fleet(
     writers = {FLEET_FILE: document.write, FLEET_PAGE: lambda path: write_fleet_page(document, path)}
     renew_results(config.workspace, writers, force)
     sink.result(document.as_json(), lambda: _tables(document, config.workspace))
+    for text in dict.fromkeys(f"{log.name}: {text}" for log in document.logs for text in log.notes):
+        sink.note(text)
     sink.note(f"page: {config.workspace / FLEET_PAGE}")
     _raise_what_failed(document)
 

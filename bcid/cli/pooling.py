@@ -53,17 +53,18 @@ def pool(
 ) -> None:  # fmt: skip
     """Fit one car to many recordings, and say how its load, motor, grip or drag differ from one to the next."""
     from bcid.cli.sink import Sink
-    from bcid.fleet.pool_recordings import describe_pool, fit_recordings
-    from bcid.fleet.pooled_car import pool_car
+    from bcid.fleet.pool_recordings import describe_pool, fit_recordings, tell_drives_apart
+    from bcid.fleet.pooled_car import pool_car, refuse_to_pool
     from bcid.pipeline.named_models import MODEL_FILES, MODELS_FOLDER
     from bcid.pipeline.run import Pipeline
     from bcid.store.receipt import refuse_to_renew
 
-    sink, workers = Sink(format), options.choose_workers(jobs, dask)
+    sink, workers, differing = Sink(format), options.choose_workers(jobs, dask), own or ["mass"]
     config = options.read_config(
         pipeline, recordings, vehicle, out, commands, allow_partial, force, ignore_health, sink.note
     )
     paths = list(dict.fromkeys(config.recordings()))
+    refuse_to_pool(len(paths), differing)
     compared = _find_references(reference or [], paths)
     home = config.workspace / MODELS_FOLDER / MODEL
     refuse_to_renew(config.workspace, [RESULT, *(f"{MODELS_FOLDER}/{MODEL}/{file}" for file in MODEL_FILES)], force)
@@ -73,20 +74,21 @@ def pool(
         with problems.gather_refusals():
             work.refuse_unusable([path])
     problems.raise_if_any(paths[0])
-    work.takes.refuse_repeats(paths, (), "recordings", "name each drive once")
+    takes = tell_drives_apart(work, paths)
     with sink.stage(f"fit {len(paths)} recordings") as progress:
         made = fit_recordings(work, paths, workers, progress)
     lost = [f"{p.stage}: {p.text}" for each in made.values() for p in each.problems]
     _refuse_to_pool(made, compared)
     fitted = {path: each.result for path, each in made.items() if each.result is not None}
     with sink.stage("pool"):
-        pooled = pool_car([each.summary for each in fitted.values()], own or ["mass"])
+        pooled = pool_car([each.summary for each in fitted.values()], differing)
         document = describe_pool(
             pooled, list(fitted.values()), [list(fitted).index(path) for path in compared], work.vehicle
         )
-    _write_results(document, pooled, [work.takes.steps(path) for path in fitted], config, force)
+    _write_results(document, pooled, [takes[path] for path in fitted], config, force)
     sink.result(document.as_json(), lambda: _tables(document))
-    for text in doubts_of_factors(document):
+    notes = [f"{work.names[path]}: {text}" for path, each in fitted.items() for text in each.notes]
+    for text in (*notes, *doubts_of_factors(document)):
         sink.note(text)
     sink.note(f"the car of all: {home}\nwritten to: {config.workspace / RESULT}")
     try:

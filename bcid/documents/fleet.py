@@ -63,6 +63,7 @@ class FleetLog(Part):
     scores: tuple[LogScore, ...] = ()
     diagnosis: LogVerdict | None = None
     problems: tuple[LogProblem, ...] = ()
+    notes: tuple[str, ...] = ()  # what a person should know, such as an artifact that was edited and set aside
 
     def has(self, stage: str) -> bool:
         """Whether an artifact of this stage is kept."""
@@ -85,6 +86,7 @@ class FleetEffect(Part):
     share: float  # of the cars that have it since then; of the logs, where it is not known which car drove
     share_ci90: Interval
     in_logs: dict[str, float]  # the probability that each log has it, of those that can say
+    in_cars: dict[str, float]  # that each car has it in its last log; empty where it is not known which car drove
 
 
 class LogValue(Part):

@@ -16,6 +16,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -205,8 +206,13 @@ class Cluster:
             ) from None
 
 
+@cache
 def package_digest() -> str:
-    """A digest of all Python files of this package, where this is called."""
+    """A digest of all Python files of this package, as they were when this process was first asked.
+
+    A worker is asked before it does anything, and then knows what it has loaded: of files that change later, as where
+    somebody pulls into the checkout that workers run, it would tell a digest of code that it does not run.
+    """
     import bcid
 
     home, digest = Path(bcid.__file__).parent, hashlib.sha256()

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
 from multiprocessing.reduction import ForkingPickler
@@ -15,6 +16,8 @@ from typing import Any, NamedTuple, Self
 from bcid.execution.limits import LIMITS
 
 Call = Callable[[], Any]
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Variables that say how many threads a library of linear algebra has, which it reads when it is loaded."""
 
 
 class Died(NamedTuple):
@@ -41,7 +44,8 @@ class _Worker:
         context = get_context("spawn")
         self.connection, theirs = context.Pipe()
         self.process = context.Process(target=_do_calls, args=(theirs,), daemon=True)
-        self.process.start()
+        with _one_thread_said():
+            self.process.start()
         theirs.close()
 
     def end(self) -> None:
@@ -118,6 +122,18 @@ class WorkerPool:
             return Raised(RuntimeError(f"a result of another process cannot be read: {_describe(error)}"))
 
 
+@contextmanager
+def _one_thread_said() -> Iterator[None]:
+    """Context in which processes begin that let linear algebra use one thread, unless the variables say otherwise."""
+    unsaid = [name for name in THREADS if name not in os.environ]
+    os.environ.update(dict.fromkeys(unsaid, "1"))
+    try:
+        yield
+    finally:
+        for name in unsaid:
+            del os.environ[name]
+
+
 def _do_calls(connection: Connection) -> None:
     """Do calls as they come, in a process of its own: one thread, deaf to Ctrl-C, ending with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -158,7 +174,7 @@ def _describe(error: Exception) -> str:
 
 
 def use_one_thread() -> None:
-    """Let compiled loops and linear algebra of this process use one thread, as the workers share the cores."""
+    """Let compiled loops and linear algebra that is loaded use one thread, as the workers share the cores."""
     import numba
     from threadpoolctl import threadpool_limits
 

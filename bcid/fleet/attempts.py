@@ -77,6 +77,8 @@ def _describe(error: Exception, if_internal: str) -> str:
     """Cause and next step of an error."""
     if isinstance(error, BcidError):
         return str(error)
+    if isinstance(error, MemoryError):
+        return f"out of memory\n  next: {FEWER_JOBS}"
     if isinstance(error, OSError) and error.filename is not None:
         away = "see whether the disk, or the machine that has the folder, answers, and run the command again"
         next_step = away if error.errno in PASSING else "check the path and its permissions"

@@ -30,16 +30,18 @@ class FleetLabels(NamedTuple):
 
     of_logs: tuple[LogLabel, ...]
     days: tuple[str, ...]
+    undated: tuple[str, ...] = ()  # logs that have no date, where others do, so that no date counts
 
     def describe(self) -> str:
-        """The days and how many logs each has, and how many cars there are."""
+        """The days and how many logs each has, how many cars there are, and for want of which logs no date counts."""
         counts = Counter(label.day for label in self.of_logs)
         if self.days == ("",):
             text = "days unknown, all logs count as of one"
         else:
             text = "days " + ", ".join(f"{day} ({counts[day]})" for day in self.days)
         cars = {label.car for label in self.of_logs}
-        return text + (f"; {len(cars)} cars" if cars != {""} else "")
+        text += f"; {len(cars)} cars" if cars != {""} else ""
+        return text + (f"; dates do not count, as {', '.join(self.undated)} has none" if self.undated else "")
 
 
 def label_logs(logs: Sequence[Path], names: Sequence[str], table: Path | None = None) -> FleetLabels:
@@ -55,25 +57,27 @@ def label_logs(logs: Sequence[Path], names: Sequence[str], table: Path | None = 
     if table is not None:
         rows = _read_table(table)
         labels = [_find_row(rows, logs, names, number, table) for number in range(len(logs))]
-        lines = [label.day for label in rows.values()]
+        lines, undated = [label.day for label in rows.values()], list[str]()
     else:
-        labels = [LogLabel(day) for day in _days_of_names([without_cut(log).absolute() for log in logs])]
-        lines = [label.day for label in labels]
+        lines, dated = _days_of_names([without_cut(log).absolute() for log in logs])
+        labels = [LogLabel(day) for day in lines]
+        undated = [name for name, date in zip(names, dated, strict=True) if not date] if any(dated) else []
     driven = {label.day for label in labels}
     days = [day for day in dict.fromkeys(lines) if day in driven]
     if all(DATE.fullmatch(day) for day in days):
         days.sort()
-    return FleetLabels(tuple(labels), tuple(days))
+    return FleetLabels(tuple(labels), tuple(days), tuple(undated))
 
 
-def _days_of_names(files: Sequence[Path]) -> list[str]:
-    """The days of logs by their names and folders."""
+def _days_of_names(files: Sequence[Path]) -> tuple[list[str], list[str]]:
+    """The days of logs by their names and folders, and their dates, "" where there is none."""
     shared = len(Path(os.path.commonpath([file.parent for file in files])).parts)
-    days = [_find_date(file.parts[shared:]) for file in files]
-    if all(days):
-        return days
-    folders = [file.parent.name for file in files]
-    return folders if len(set(folders)) > 1 else [""] * len(files)
+    dates = [_find_date(file.parts[shared:]) for file in files]
+    if all(dates):
+        return dates, dates
+    # counted from the folder that all share: a last name, such as "run", may be that of each day's folder
+    folders = ["/".join(file.parent.parts[shared:]) or file.parent.name for file in files]
+    return (folders if len(set(folders)) > 1 else [""] * len(files)), dates
 
 
 def _find_date(parts: Sequence[str]) -> str:

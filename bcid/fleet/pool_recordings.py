@@ -7,15 +7,16 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from bcid.aliases import Progress
 from bcid.documents.pool import PoolDocument, PooledAlternative, PooledConstant, PooledFactor, PooledRecording
+from bcid.errors import InputRefused
 from bcid.estimate.saving import load_estimate
 from bcid.estimate.types import Estimate
+from bcid.evaluation.seen_takes import TakeSteps, read_take_steps
 from bcid.execution.jobs import Workers, run_jobs
 from bcid.fleet.attempts import Attempt, attempt, describe_lost_process
 from bcid.fleet.pooled_car import CarSummary, PooledCar, summarise_fit, weigh_alternatives
+from bcid.fleet.repeats import find_repeats
 from bcid.likelihood.divergence import refuse_divergence
 from bcid.likelihood.hypothesis import DRAG
 from bcid.likelihood.prepare import base_hypothesis, prepare_and_fit_base
@@ -25,6 +26,7 @@ from bcid.models.newton_euler.parameters import constant_units
 from bcid.models.saving import save_model
 from bcid.pipeline.config import PipelineConfig
 from bcid.pipeline.run import Pipeline
+from bcid.pipeline.watching import NotingWatcher
 from bcid.recording.saving import load_recording
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
@@ -38,6 +40,7 @@ class FittedRecording(NamedTuple):
     name: str
     duration_s: float
     summary: CarSummary
+    notes: tuple[str, ...] = ()  # what a person should know of the way to it
 
 
 def fit_recording(recording: Recording, estimate: Estimate, vehicle: Vehicle) -> FittedRecording:
@@ -51,6 +54,19 @@ def fit_recording(recording: Recording, estimate: Estimate, vehicle: Vehicle) ->
     with refuse_divergence([recording]):
         _, _, (fit, _) = prepare_and_fit_base([recording], [estimate], hypothesis, ())
     return FittedRecording(estimate.name, recording.duration_s, summarise_fit(fit))
+
+
+def tell_drives_apart(work: Pipeline, paths: Sequence[Path]) -> dict[Path, TakeSteps]:
+    """By which of its steps the drive of each recording is known.
+
+    Raises:
+        InputRefused: two recordings are of the same drive, at least in part.
+    """
+    takes = {path: read_take_steps(work.ingest(path).folder).keep_some() for path in paths}
+    for later, first in find_repeats(dict(enumerate(takes.values()))).items():
+        cause = f"{paths[later]} is {paths[first]} once more, or a part of it: the same drive"
+        raise InputRefused(work.config.source, "recordings", cause, "name each drive once")
+    return takes
 
 
 def fit_recordings(
@@ -76,17 +92,18 @@ def fit_recordings(
 
 def estimate_and_fit(config: PipelineConfig, name: str) -> Attempt[FittedRecording]:
     """Estimate the motion of the one recording of `config`, and fit the base model to it, in whatever process."""
-    (path,) = config.training
+    (path,), watcher = config.training, NotingWatcher()
 
     def estimate() -> tuple[Recording, Estimate, Vehicle]:
-        work = Pipeline(config)
+        work = Pipeline(config, watcher)
         work.refuse_unusable([path])  # it may have been written to since all were looked at
         return load_recording(work.ingest(path).folder), load_estimate(work.estimate(path).folder), work.vehicle
 
     read, problems = attempt(f"estimate {name}", estimate)
     if read is None:
         return Attempt(None, problems)
-    return attempt(f"fit {name}", lambda: fit_recording(*read)._replace(name=name), REPORT_FIT)
+    notes = tuple(watcher.notes)
+    return attempt(f"fit {name}", lambda: fit_recording(*read)._replace(name=name, notes=notes), REPORT_FIT)
 
 
 def save_pooled_model(pooled: PooledCar, period_s: float, folder: Path) -> None:
@@ -102,7 +119,7 @@ def describe_pool(
     """What recordings say together; `reference` are those with which all are compared."""
     factors, sd = pooled.factors(reference)
     car, units, k = pooled.car(), constant_units(pooled.car()), len(pooled.names)
-    se = np.sqrt(np.diag(pooled.pooled.shared_covariance))
+    se = pooled.pooled.shared_sd
     constants = []
     for i, symbol in enumerate(pooled.symbols):
         value = float(getattr(car, symbol))

@@ -18,7 +18,7 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.errors import UsageError
-from bcid.fleet.pooling import Pooled, Summary, pool
+from bcid.fleet.pooling import Pooled, SpreadPrior, Summary, pool
 from bcid.likelihood.hypothesis import DRAG
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.without_prior import take_away_prior
@@ -34,10 +34,15 @@ OWN = {
 }
 """What may differ from recording to recording, as a factor, by name: the power with which it enters each constant."""
 
-FIRST_SPREAD = 0.2
-"""Standard deviation, relative, of what differs, from which its likeliest one is sought."""
-FIRST_SCATTER = 0.05
+USUAL_SPREAD = 0.2
+"""Standard deviation, relative, that is expected of what differs by name: a passenger, a battery, a floor."""
+USUAL_SCATTER = 0.05
 """That of a constant by itself: what a fit that lacks physics makes of another drive."""
+WITHIN_A_FACTOR = math.e
+"""By which factor, as one standard deviation, a spread is another than expected, or one constant's scatter another than
+that which all have in common."""
+COMMON_WITHIN_A_FACTOR = math.e**2
+"""By which one the common scatter is another than expected: models lack little or much."""
 TINY = 1e-9
 """Drag (SI) below which a car is taken to have none, where a share of it is meant."""
 
@@ -103,6 +108,14 @@ def summarise_fit(fit: Fit) -> CarSummary:
     return CarSummary((*hypothesis.log_parameters, *DRAG), summary, fit.car())
 
 
+def refuse_to_pool(recordings: int, names: Sequence[str]) -> None:
+    """Raise `UsageError` where there are fewer than two recordings, or what differs has a name that is none of OWN."""
+    if unknown := [name for name in names if name not in OWN]:
+        raise UsageError(f"nothing that differs is called {', '.join(unknown)}\n  next: name some of {', '.join(OWN)}")
+    if recordings < 2:
+        raise UsageError("one recording has nothing to be pooled with\n  next: name more recordings of the car")
+
+
 def pool_car(summaries: Sequence[CarSummary], names: Sequence[str]) -> PooledCar:
     """Pool what recordings of the same car say, in which what is called `names` differs.
 
@@ -112,20 +125,23 @@ def pool_car(summaries: Sequence[CarSummary], names: Sequence[str]) -> PooledCar
     Raises:
         UsageError: a name is none of OWN, there are fewer than two recordings, or they are of different vehicles.
     """
-    if unknown := [name for name in names if name not in OWN]:
-        raise UsageError(f"nothing that differs is called {', '.join(unknown)}\n  next: name some of {', '.join(OWN)}")
+    refuse_to_pool(len(summaries), names)
     names = tuple(dict.fromkeys(names))  # what is said twice differs once
-    if len(summaries) < 2:
-        raise UsageError("one recording has nothing to be pooled with\n  next: name more recordings of the car")
     symbols = summaries[0].symbols
     if any(each.symbols != symbols for each in summaries):
         raise UsageError("the recordings are of vehicles with other motors\n  next: pool those of one vehicle file")
     mean = np.mean([each.summary.phi for each in summaries], axis=0)
     scale = np.array([max(abs(x), TINY) if s in DRAG else 1.0 for s, x in zip(symbols, mean, strict=True)])
     columns = np.column_stack([*(_direction(symbols, name, mean) for name in names), np.diag(scale)])
-    spread = np.array([FIRST_SPREAD] * len(names) + [FIRST_SCATTER] * len(symbols))
-    pooled = pool([each.summary for each in summaries], columns, spread)
+    pooled = pool([each.summary for each in summaries], columns, expected_spreads(len(names), len(symbols)))
     return PooledCar(symbols, summaries[0].car, names, pooled, columns)
+
+
+def expected_spreads(names: int, constants: int) -> SpreadPrior:
+    """What is known beforehand of the spreads of what differs by name, then of each constant by itself."""
+    covariance = math.log(WITHIN_A_FACTOR) ** 2 * np.eye(names + constants)
+    covariance[names:, names:] += math.log(COMMON_WITHIN_A_FACTOR) ** 2
+    return SpreadPrior(np.log([USUAL_SPREAD] * names + [USUAL_SCATTER] * constants), covariance)
 
 
 def weigh_alternatives(summaries: Sequence[CarSummary], pooled: PooledCar) -> list[Alternative]:

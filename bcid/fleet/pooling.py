@@ -10,10 +10,14 @@ In all of them the car is one, s, but for a few things that differ from drive to
     phi_i = s + C o_i,   o_i ~ N(0, diag(tau^2)),
 
 where a column of C says how one of them moves the constants.  Given tau the o_i are eliminated one recording after the
-other, so that what is kept does not grow with their number, and tau is the likeliest one, by expectation and
-maximisation (Dempster, Laird and Rubin 1977; for such models: Gelman and Hill, Data Analysis Using Regression and
-Multilevel/Hierarchical Models, 2007, chapter 12).  A recording that says little of its own load is thereby drawn to the
-others, and one that says much is not.
+other, so that what is kept does not grow with their number.  A recording that says little of its own load is thereby
+drawn to the others, and one that says much is not (for such models: Gelman and Hill, Data Analysis Using Regression and
+Multilevel/Hierarchical Models, 2007, chapter 12).
+
+Few recordings say little of tau: where two agree in a constant by chance, its likeliest tau is zero, and all else would
+be measured by that constant.  So ln tau has a prior, tau is the likeliest one beside it, and what is not known of tau
+counts in all errors: each estimate varies with ln tau, whose covariance is that of Laplace's approximation (Kass and
+Steffey, Journal of the American Statistical Association 84, 1989, 717-726).
 """
 
 from __future__ import annotations
@@ -22,17 +26,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import minimize
 
 from bcid.aliases import Floats
 
-EM_STEPS = 500
-"""Steps of expectation and maximisation at most."""
-SETTLED = 1e-6
-"""Relative change of all tau below which these have settled."""
-SETTLED_NATS = 1e-4
-"""Gain of a step below which the spreads have settled, too."""
-LEAST_SPREAD = 1e-6
-"""Smallest tau, in parts of the first one: a spread that is not there goes to zero, which is never reached."""
+LOG_STEP = 0.05
+"""Step of ln tau over which differences are taken for derivatives."""
 RIDGE = 1e-9
 """Information that is added to each constant's own, as a share of that: a constant that no recording shows keeps the
 mean of the recordings' values."""
@@ -46,21 +45,46 @@ class Summary(NamedTuple):
     slope: Floats  # (n,) at phi, 0 at an optimum
 
 
+class SpreadPrior(NamedTuple):
+    """What is known of ln tau beforehand: a normal distribution."""
+
+    mean: Floats  # (k,)
+    covariance: Floats  # (k, k)
+
+
 class Pooled(NamedTuple):
     """What I recordings say together."""
 
     shared: Floats  # (n,) s
-    shared_covariance: Floats  # (n, n)
+    shared_covariance: Floats  # (n, n) where tau is known
     own: Floats  # (I, k) o_i
-    own_covariance: Floats  # (I, k, k) of o_i where s is known
+    own_covariance: Floats  # (I, k, k) of o_i where s and tau are known
     by_shared: Floats  # (I, k, n) derivatives of o_i by s
     spread: Floats  # (k,) tau
     log_likelihood: float  # of tau: all o_i and s integrated out, but for a constant
+    shared_by_spread: Floats  # (n, q) how s changes with what is not known of ln tau, in standard deviations of that
+    own_by_spread: Floats  # (I, k, q) and how the o_i do; q = 0 where tau is known
+
+    @property
+    def shared_sd(self) -> Floats:
+        """Standard deviations (n,) of the constants s."""
+        return np.asarray(np.sqrt(np.diag(self.shared_covariance) + (self.shared_by_spread**2).sum(axis=-1)))
 
     @property
     def own_sd(self) -> Floats:
         """Standard deviations (I, k) of the o_i."""
-        return np.array([self.difference_sd([i], []) for i in range(len(self.own))])
+        return np.asarray(np.sqrt(self._own_variance() + (self.own_by_spread**2).sum(axis=-1)))
+
+    @property
+    def slope(self) -> Floats:
+        """The derivatives (k,) of `log_likelihood` by ln tau."""
+        return np.asarray(((self.own**2 + self._own_variance()) / self.spread**2).sum(axis=0) - len(self.own))
+
+    def _own_variance(self) -> Floats:
+        """The variances (I, k) of the o_i where tau is known."""
+        alone = np.diagonal(self.own_covariance, axis1=1, axis2=2)
+        by_shared = np.einsum("ikn,nm,ikm->ik", self.by_shared, self.shared_covariance, self.by_shared)
+        return np.asarray(alone + by_shared)
 
     def difference_sd(self, recordings: Sequence[int], beside: Sequence[int]) -> Floats:
         """Standard deviations (k,) of the mean o_i of some recordings less that of others, or of zero without any.
@@ -70,9 +94,9 @@ class Pooled(NamedTuple):
         weights = np.zeros(len(self.own))
         weights[list(recordings)] += 1.0 / max(len(recordings), 1)
         weights[list(beside)] -= 1.0 / max(len(beside), 1)
-        by_shared = np.tensordot(weights, self.by_shared, axes=1)
+        by_shared, by_spread = (np.tensordot(weights, each, axes=1) for each in (self.by_shared, self.own_by_spread))
         alone = np.tensordot(weights**2, self.own_covariance, axes=1)
-        return np.sqrt(np.diag(alone + by_shared @ self.shared_covariance @ by_shared.T))
+        return np.sqrt(np.diag(alone + by_shared @ self.shared_covariance @ by_shared.T + by_spread @ by_spread.T))
 
     def constants_of(self, recording: int, directions: Floats) -> Floats:
         """The constants (n,) in one of the recordings, where `directions` are C."""
@@ -80,21 +104,37 @@ class Pooled(NamedTuple):
         return phi
 
 
-def pool(summaries: Sequence[Summary], directions: Floats, first_spread: Floats) -> Pooled:
-    """Pool recordings of one car: `directions` (n, k) are C, and the search for tau begins at `first_spread` (k,)."""
-    spread, before = first_spread.astype(float), np.zeros_like(first_spread)
-    pooled = pool_at(summaries, directions, spread)
-    for _ in range(EM_STEPS):
-        if np.allclose(spread, before, rtol=SETTLED, atol=0.0):
-            break
-        before, last = spread, pooled.log_likelihood
-        spread = np.sqrt((pooled.own**2 + pooled.own_sd**2).mean(axis=0))
-        spread = np.maximum(spread, LEAST_SPREAD * first_spread)
-        pooled = pool_at(summaries, directions, spread)
-        # one that goes to zero never settles
-        if abs(pooled.log_likelihood - last) < SETTLED_NATS:
-            break
-    return pooled
+def pool(summaries: Sequence[Summary], directions: Floats, prior: SpreadPrior) -> Pooled:
+    """Pool recordings of one car: `directions` (n, k) are C, and `prior` says what is known of tau beforehand."""
+    precision = np.asarray(np.linalg.inv(prior.covariance))
+
+    def lose(log_tau: Floats) -> tuple[float, Floats]:
+        """What ln tau loses in nats, but for a constant, and the derivatives of that."""
+        pooled, pull = pool_at(summaries, directions, np.exp(log_tau)), precision @ (log_tau - prior.mean)
+        return 0.5 * float(pull @ (log_tau - prior.mean)) - pooled.log_likelihood, pull - pooled.slope
+
+    log_tau = minimize(lose, prior.mean, jac=True, method="L-BFGS-B").x
+    return _add_unknown_spread(pool_at(summaries, directions, np.exp(log_tau)), summaries, directions, precision)
+
+
+def _add_unknown_spread(
+    pooled: Pooled, summaries: Sequence[Summary], directions: Floats, precision: Floats
+) -> Pooled:  # fmt: skip
+    """The same with what is not known of ln tau, whose prior has the `precision`: by differences around `pooled`."""
+    k = len(precision)
+    steps = LOG_STEP * np.eye(k)
+    around = [
+        [pool_at(summaries, directions, pooled.spread * np.exp(sign * step)) for sign in (1.0, -1.0)] for step in steps
+    ]
+    curvature = np.array([(high.slope - low.slope) / (2.0 * LOG_STEP) for high, low in around])
+    # of a direction of which the recordings say nothing, or less by rounding, the prior alone says something
+    information, vectors = np.linalg.eigh(-0.5 * (curvature + curvature.T))
+    unknown = np.linalg.cholesky(np.linalg.inv(precision + (vectors * np.maximum(information, 0.0)) @ vectors.T))
+    shared, own = (
+        np.stack([(getattr(high, name) - getattr(low, name)) / (2.0 * LOG_STEP) for high, low in around], axis=-1)
+        for name in ("shared", "own")
+    )
+    return pooled._replace(shared_by_spread=shared @ unknown, own_by_spread=own @ unknown)
 
 
 def pool_at(summaries: Sequence[Summary], directions: Floats, spread: Floats) -> Pooled:
@@ -123,7 +163,8 @@ def pool_at(summaries: Sequence[Summary], directions: Floats, spread: Floats) ->
         alone[i], by_shared[i] = np.linalg.inv(A), -np.linalg.solve(A, H_so.T)
     # s is integrated out as well, under a flat prior, as the step of expectation does
     total = constant + 0.5 * float(r @ shared) - 0.5 * float(np.linalg.slogdet(scaled)[1])
-    return Pooled(shared + mean, covariance, own, alone, by_shared, spread, total)
+    known = np.zeros((n, 0)), np.zeros((count, k, 0))
+    return Pooled(shared + mean, covariance, own, alone, by_shared, spread, total, *known)
 
 
 def _eliminate(each: Summary, C: Floats, D: Floats) -> tuple[Floats, Floats, Floats, Floats]:

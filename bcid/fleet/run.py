@@ -146,7 +146,7 @@ class _Fleet:
         row = row.model_copy(update={
             "day": self.labels.of_logs[number].day, "car": self.labels.of_logs[number].car,
             "artifacts": (*row.artifacts, *evaluation.artifacts), "scores": evaluation.scores,
-            "problems": (*row.problems, *evaluation.problems),
+            "problems": (*row.problems, *evaluation.problems), "notes": (*row.notes, *evaluation.notes),
             "same_drive_as": "" if first is None else self.names[first],
         })  # fmt: skip
         return row.model_copy(update={"state": state_of(row)})

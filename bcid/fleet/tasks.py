@@ -18,7 +18,7 @@ from bcid.evaluation.seen_takes import TakeSteps
 from bcid.fleet.attempts import TakeLocked, attempt
 from bcid.pipeline.config import PipelineConfig
 from bcid.pipeline.run import Pipeline
-from bcid.pipeline.watching import Watcher
+from bcid.pipeline.watching import NotingWatcher
 from bcid.recording.saving import RecordingSummary
 from bcid.store.artifact import Artifact
 
@@ -53,9 +53,10 @@ class LogEvaluation(NamedTuple):
     artifacts: tuple[KeptArtifact, ...] = ()
     scores: tuple[LogScore, ...] = ()
     problems: tuple[LogProblem, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
-class _ImpatientWatcher(Watcher):
+class _ImpatientWatcher(NotingWatcher):
     """A watcher of a pipeline that is not to wait for other processes."""
 
     def report_locked(self, text: str) -> None:
@@ -69,7 +70,7 @@ def work_on_log(order: FleetOrder, log: Path, name: str, waits: bool) -> WorkedL
     Where another process is at work on the log, it is waited for if `waits`, and None is returned otherwise.
     """
 
-    def work(watcher: Watcher) -> WorkedLog:
+    def work(watcher: NotingWatcher) -> WorkedLog:
         # the vehicle file is read anew, which another machine may not see
         begun, problems = attempt("settings", lambda: _LogWork(order, log, watcher))
         if begun is None:
@@ -86,16 +87,16 @@ def evaluate_on(
     return _finish(lambda watcher: _evaluate(order, log, models, unseen, unseen_name, watcher), waits)
 
 
-def _finish(work: Callable[[Watcher], Result], waits: bool) -> Result | None:
+def _finish(work: Callable[[NotingWatcher], Result], waits: bool) -> Result | None:
     """The result of `work`; None where it would have to wait, and `waits` is not."""
     try:
-        return work(Watcher() if waits else _ImpatientWatcher())
+        return work(NotingWatcher() if waits else _ImpatientWatcher())
     except TakeLocked:
         return None
 
 
 def _evaluate(
-    order: FleetOrder, log: Path, models: Sequence[str], unseen: Path, unseen_name: str, watcher: Watcher
+    order: FleetOrder, log: Path, models: Sequence[str], unseen: Path, unseen_name: str, watcher: NotingWatcher
 ) -> LogEvaluation:
     """Scores of the models that were fitted to `log` on the log `unseen`, and why any has none."""
     work, problems = attempt("evaluate", lambda: Pipeline(order.config_of(log, unseen), watcher))
@@ -111,15 +112,15 @@ def _evaluate(
 
     for model in models:
         problems += attempt(f"evaluate {model}", partial(evaluate, model)).problems
-    return LogEvaluation(tuple(artifacts), tuple(scores), tuple(problems))
+    return LogEvaluation(tuple(artifacts), tuple(scores), tuple(problems), tuple(watcher.notes))
 
 
 class _LogWork:
     """One log on its way through the stages, and what is known of it so far."""
 
-    def __init__(self, order: FleetOrder, log: Path, watcher: Watcher) -> None:
+    def __init__(self, order: FleetOrder, log: Path, watcher: NotingWatcher) -> None:
         """Begin with a log of which nothing is known."""
-        self.order, self.given = order, log
+        self.order, self.given, self.watcher = order, log, watcher
         config = order.config_of(log)
         (self.log,) = config.training
         self.work = Pipeline(config, watcher)
@@ -138,7 +139,7 @@ class _LogWork:
         self._does("ingest", self.work.raise_if_parts_lost)
         row = FleetLog(
             name=name, file=str(self.given), state="done", artifacts=tuple(self.artifacts),
-            problems=tuple(self.problems), **self.figures,
+            problems=tuple(self.problems), notes=tuple(self.watcher.notes), **self.figures,
         )  # fmt: skip
         return row.model_copy(update={"state": state_of(row)})
 

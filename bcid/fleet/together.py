@@ -83,10 +83,15 @@ def _describe_effect(
         for log, p, shown in zip(logs, occurrence.in_logs.tolist(), evidence, strict=True)
         if named in shown.effects
     }
+    in_cars = dict[str, float]()
+    for log in logs:
+        if log.label.car and log.name in in_logs:  # a car that has it once has it in all later logs
+            in_cars[log.label.car] = max(in_cars.get(log.label.car, 0.0), in_logs[log.name])
     return FleetEffect(
         effect=named, probability=occurrence.probability, evidence_nats=round(occurrence.nats, 2),
         twins=occurrence.twins, since=days[occurrence.day], since_probability=round(occurrence.day_probability, 4),
         share=round(occurrence.share, 4), share_ci90=occurrence.share_interval, in_logs=in_logs,
+        in_cars=in_cars,
     )  # fmt: skip
 
 

@@ -27,11 +27,14 @@ def name_takes(recordings: Sequence[Path]) -> dict[Path, str]:
     names = {path: _without_ending(shown).name for path, shown in paths.items()}
     for depth in range(max((len(path.parts) for path in paths), default=0) + 1):
         counts = Counter(names.values())
-        for path in [p for p in paths if counts[names[p]] > 1]:
-            longer = Path(*paths[path].parts[-depth - 1 :])
-            others = [Path(*shown.parts[-depth - 1 :]) for shown in paths.values()]
-            alone = sum(_without_ending(longer) == _without_ending(other) for other in others) == 1
-            names[path] = (_without_ending(longer) if alone else longer).as_posix()
+        alike = [path for path in paths if counts[names[path]] > 1]
+        if not alike:
+            break
+        longer = {path: Path(*shown.parts[-depth - 1 :]) for path, shown in paths.items()}
+        others = Counter(map(_without_ending, longer.values()))
+        for path in alike:
+            bare = _without_ending(longer[path])
+            names[path] = (bare if others[bare] == 1 else longer[path]).as_posix()
     return names
 
 

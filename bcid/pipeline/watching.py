@@ -26,3 +26,18 @@ class Watcher:
         A watcher that raises an error here does not let the pipeline wait.
         """
         self.note(text)
+
+
+class NotingWatcher(Watcher):
+    """Keeps what a person should be told, where nobody looks on; that it waited is of no use afterwards."""
+
+    def __init__(self) -> None:
+        """Nothing was noted yet."""
+        self.notes = list[str]()
+
+    def note(self, text: str) -> None:
+        """Keep it."""
+        self.notes.append(text)
+
+    def report_locked(self, text: str) -> None:
+        """Let the pipeline wait."""

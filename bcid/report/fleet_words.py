@@ -1,6 +1,6 @@
 """What the logs of a fleet say together, in sentences: which effect the cars have since when, and what moved."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from bcid.documents.fleet import PRESENT, FleetDiagnosis, FleetDocument, FleetEffect, FleetLog, MovedParameter
 from bcid.report.budget_words import percent, percent_range
@@ -12,8 +12,8 @@ def fleet_sentences(document: FleetDocument) -> list[str]:
     together, copies = document.together, [_copy_sentence(log) for log in document.logs if log.same_drive_as]
     if together is None:
         return copies
-    who = "cars" if any(log.car for log in document.logs) else "logs since then"
-    effects = [effect_sentence(effect, len(together.days) > 1, who) for effect in together.effects]
+    car_of = {log.name: log.car for log in document.logs if log.car}
+    effects = [effect_sentence(effect, len(together.days) > 1, car_of) for effect in together.effects]
     return [
         *(effects or ["No effect is common to enough logs to be the fleet's."]),
         *day_sentences(together, {log.name: log.day for log in document.logs}),
@@ -26,9 +26,13 @@ def _copy_sentence(log: FleetLog) -> str:
     return f"{log.name} is the same drive as {log.same_drive_as}, at least in part: only that one is counted."
 
 
-def effect_sentence(effect: FleetEffect, several_days: bool, who: str) -> str:
-    """Which effect the fleet has, since when, in what share of the cars or logs, `who`, and in which logs."""
+def effect_sentence(effect: FleetEffect, several_days: bool, car_of: Mapping[str, str]) -> str:
+    """Which effect the fleet has, since when, in what share of the cars or logs, and in which of them.
+
+    `car_of` gives the car of each log, of those of which it is known.
+    """
     having = [name for name, p in effect.in_logs.items() if p > PRESENT]
+    who, where = ("cars", _list_by_car(having, car_of)) if car_of else ("logs since then", having)
     name = plain_name(effect.effect)
     text = f"{name[0].upper()}{name[1:]}"
     if effect.twins:
@@ -37,9 +41,18 @@ def effect_sentence(effect: FleetEffect, several_days: bool, who: str) -> str:
     share = f"{percent(effect.share)} of the {who} (90 % interval {percent_range(*effect.share_ci90)})"
     certain = "more than 0.999" if effect.probability > 0.999 else format_number(effect.probability, 3)
     return (
-        f"{text} is there{since}, in {share}: {join_words(having) or 'no single log for certain'}. "
+        f"{text} is there{since}, in {share}: {join_words(where) or 'no single log for certain'}. "
         f"Together the logs show it with probability {certain}."
     )
+
+
+def _list_by_car(logs: Sequence[str], car_of: Mapping[str, str]) -> list[str]:
+    """Cars with their logs among `logs`, as "red (monday and tuesday)"; a log of an unknown car by itself."""
+    of_car = dict[str, list[str]]()
+    for log in logs:
+        of_car.setdefault(car_of.get(log, ""), []).append(log)
+    alone = of_car.pop("", [])
+    return [*(f"{car} ({join_words(own)})" for car, own in of_car.items()), *alone]
 
 
 def day_sentences(together: FleetDiagnosis, day_of: Mapping[str, str]) -> list[str]:
