@@ -7,6 +7,7 @@ import math
 import shutil
 import subprocess
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,14 +27,23 @@ from bcid.adaptation.filter import (
     start_filter,
 )
 from bcid.adaptation.filter_run import OUTLIER, keep_within, run_filter
-from bcid.adaptation.formulas import AdaptiveFormulas, trace_adaptive
-from bcid.adaptation.quantities import AdaptedQuantity, choose_quantities, with_quantities
+from bcid.adaptation.formulas import LASTS_S, AdaptiveFormulas, trace_adaptive
+from bcid.adaptation.quantities import (
+    AdaptedQuantity,
+    choose_quantities,
+    release_limits,
+    unreached_limits,
+    with_quantities,
+)
 from bcid.aliases import Floats
 from bcid.effects.constants import Constants
+from bcid.effects.table import EFFECTS
 from bcid.errors import UsageError
+from bcid.export.augmented_formulas import TIMED
 from bcid.export.formulas import COMMANDS
 from bcid.export.reference_drive import history_of_start
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
+from bcid.models.newton_euler.model import NewtonEuler
 
 GCC = shutil.which("gcc")
 PERIOD_S = 0.05
@@ -47,6 +57,7 @@ NOISE = FilterNoise(
     0.6,
     forget_s=30.0,
 )
+C_NOISE = NOISE._replace(lasting_sd=(0.05, 0.05, 0.1))
 PLAIN = AugmentedNewtonEuler(CAR, {}, Constants(), 2.0, 100.0, PERIOD_S, {})
 
 
@@ -56,16 +67,16 @@ class Adaptive(NamedTuple):
     formulas: AdaptiveFormulas
     filter: CompiledFilter
 
-    def run(self, commands: Floats, poses: Floats) -> Any:
-        z, P = start_filter(self.formulas, NOISE, np.zeros(3), START_TWIST, 0.0)
+    def run(self, commands: Floats, poses: Floats, noise: FilterNoise = NOISE) -> Any:
+        z, P = start_filter(self.formulas, noise, np.zeros(3), START_TWIST, 0.0)
         return run_filter(self.filter, z, P, commands, poses)
 
     def column(self, name: str) -> int:
         return len(self.formulas.states) + [q.name for q in self.quantities].index(name)
 
 
-def make_adaptive(*names: str, noise: FilterNoise = NOISE) -> Adaptive:
-    model, quantities = choose_quantities(PLAIN, names)
+def make_adaptive(*names: str, noise: FilterNoise = NOISE, model: AugmentedNewtonEuler = PLAIN) -> Adaptive:
+    model, quantities = choose_quantities(model, names)
     formulas = trace_adaptive(model, quantities)
     return Adaptive(model, quantities, formulas, assume_noise(compile_filter(formulas), formulas, noise))
 
@@ -85,11 +96,13 @@ def drive(models: list[AugmentedNewtonEuler], commands: Floats, seed: int = 0, n
     """Noisy poses of a car that is each of `models` for an equal part of the time, and is pushed as `noise` says."""
     rng = np.random.default_rng(seed)
     carry = models[0].init(history_of_start(models[0], np.zeros(3), START_TWIST, 0.0))
-    poses = []
+    poses, kept = [], math.exp(-PERIOD_S / LASTS_S)
+    lasting = rng.normal(size=3) * noise.lasting_sd
     for part, model in zip(np.array_split(commands, len(models)), models, strict=True):
         for command in part:
             carry, _ = model.step(carry, command)
-            carry[model.motion] += rng.normal(size=3) * noise.q * math.sqrt(PERIOD_S)
+            carry[model.motion] += rng.normal(size=3) * noise.q * math.sqrt(PERIOD_S) + PERIOD_S * lasting
+            lasting = kept * lasting + math.sqrt(1.0 - kept**2) * rng.normal(size=3) * noise.lasting_sd
             poses.append(carry[:3].copy())
     noisy: Floats = np.array(poses) + rng.normal(size=(len(poses), 3)) * noise.pose_sd
     return noisy
@@ -302,10 +315,90 @@ def test_what_cannot_be_adapted_is_refused(names: list[str], said: str) -> None:
         choose_quantities(PLAIN, names)
 
 
+ONE_SIDED = [
+    f"{effect.id}.{p.symbol}"
+    for effect in EFFECTS.values()
+    for p in effect.parameters
+    if p.low == p.off and not p.is_place and not effect.place_parameters and f"{effect.id}__{p.symbol}" not in TIMED
+]
+"""Parameters that cannot be below none, of effects that act everywhere and do not shift commands in time."""
+
+
+@pytest.mark.parametrize("name", ONE_SIDED)
+def test_what_cannot_be_less_than_none_stays_a_number_and_moves(name: str) -> None:
+    """At none at all the slope of such an effect is zero, or no number: there it would stay for ever."""
+    adaptive = make_adaptive(name)
+    (quantity,) = adaptive.quantities
+    truth = min(4.0 * quantity.start, quantity.high)
+    commands = draw_commands(40.0)
+    run = adaptive.run(commands, drive([with_quantities(adaptive.model, [(quantity, truth)])], commands))
+    values = run.z[:, adaptive.column(name)]
+    assert math.isfinite(run.log_likelihood)
+    assert np.isfinite(run.variance).all()
+    assert values.min() > 0.0
+    # this car's motor does not come to a limit of its power
+    assert values.std() > 0.0 or name == "motor_power_limit.inverse_P"
+
+
+def test_a_pose_at_the_start_says_nothing_of_where_the_tracked_point_is() -> None:
+    """The first state is reckoned from that pose by the assumed place: to see it once more is no news."""
+    adaptive = make_adaptive("marker_offset.d_x")
+    sd = adaptive.quantities[0].sd
+    z, P = start_filter(adaptive.formulas, NOISE, np.zeros(3), START_TWIST, 0.0)
+    poses, commands = np.full((20, 3), np.nan), np.zeros((20, 2))
+    poses[:, 0], poses[:, 1:] = 0.5 * PERIOD_S * np.arange(1, 21), 0.0  # straight on
+    run = run_filter(adaptive.filter, z, P, commands, poses)
+    assert math.sqrt(run.variance[0, adaptive.column("marker_offset.d_x")]) > 0.9 * sd
+
+
+def test_the_time_of_the_recording_goes_on_over_a_gap() -> None:
+    """A load that came after 20 s is there after a gap at 40 s, too."""
+    model = replace(PLAIN, effects={"mass_change__d": 0.2, "mass_change__t_s": 20.0})
+    switched, quantities = choose_quantities(model, ["mass_change.d"])
+    formulas = trace_adaptive(switched, quantities)
+    column = [state.name for state in formulas.states].index("t")
+    known = Knowledge(np.array([0.2]), np.array([[0.01]]), 5.0, 45.0)
+    assert start_filter(formulas, NOISE, np.zeros(3), START_TWIST, 0.0, known)[0][column] == 45.0
+    assert start_filter(formulas, NOISE, np.zeros(3), START_TWIST, 0.0)[0][column] == 0.0
+
+
+def test_what_lasts_of_what_a_model_lacks_widens_its_errors() -> None:
+    """Pushes that last a second are no news each period; a filter that takes them for such is too sure of the mass."""
+    lasting = NOISE._replace(forget_s=1e6, lasting_sd=(0.15, 0.15, 0.15))
+    off = list[list[float]]()
+    for noise in (lasting, lasting._replace(lasting_sd=(0.0, 0.0, 0.0), q=NOISE.q * 2.0)):
+        adaptive = make_adaptive("mass", noise=noise)
+        off.append([])
+        for seed in range(16):
+            commands = draw_commands(30.0, seed)
+            run = adaptive.run(commands, drive([adaptive.model], commands, seed, lasting), noise)
+            column = adaptive.column("mass")
+            off[-1].append((run.z[-1, column] - 1.0) / math.sqrt(run.variance[-1, column]))
+    told, untold = (float(np.mean(np.square(each))) for each in off)
+    assert 0.4 < told < 1.8
+    assert untold > told
+
+
+def test_limits_that_no_drive_reached_are_released() -> None:
+    fitted = {"F_r_max": {"relative_se": None}, "F_f_max": {"relative_se": 0.02}, "C_r": {"relative_se": None}}
+    assert unreached_limits(NewtonEuler(CAR, PERIOD_S, {"fitted": fitted})) == ("F_r_max",)
+    errors = {"F_f_max": 0.02 * CAR.F_f_max, "F_r_max": 0.9 * CAR.F_r_max, "C_r": None}
+    assert unreached_limits(replace(PLAIN, facts={"fitted": ["F_f_max", "F_r_max"], "se": errors})) == ("F_r_max",)
+    assert unreached_limits(PLAIN) == ()
+    car = release_limits(PLAIN, ["F_r_max"]).car
+    assert car.F_r_max == pytest.approx(9.81 * CAR.m)
+    assert car._replace(F_r_max=CAR.F_r_max) == CAR
+
+
 @pytest.mark.skipif(GCC is None, reason="there is no C compiler here")
-def test_the_filter_in_c_is_the_same(adaptive: Adaptive, tmp_path: Path) -> None:
+@pytest.mark.parametrize("names", [("mass", "steering_offset"), ("marker_offset.d_x", "mass_change.d")])
+def test_the_filter_in_c_is_the_same(names: tuple[str, ...], tmp_path: Path) -> None:
+    """With effects that depend on time, and on where the tracked point is, as well."""
+    timed = {"mass_change__d": 0.2, "mass_change__t_s": 5.0}
+    model = PLAIN if "mass" in names else replace(PLAIN, effects=timed)
+    adaptive = make_adaptive(*names, noise=C_NOISE, model=model)
     (tmp_path / "car_adapt.h").write_text(write_adapt_header("car", "car", adaptive.formulas, COMMANDS))
-    source = write_adapt_source("car", "car", adaptive.formulas, adaptive.filter, NOISE)
+    source = write_adapt_source("car", "car", adaptive.formulas, adaptive.filter, C_NOISE)
     (tmp_path / "car_adapt.c").write_text(source)
     strict = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic", "-shared", "-fPIC"]
     subprocess.run([str(GCC), *strict, "car_adapt.c", "-o", "car.so", "-lm"], cwd=tmp_path, check=True)
@@ -314,17 +407,19 @@ def test_the_filter_in_c_is_the_same(adaptive: Adaptive, tmp_path: Path) -> None
     commands[100:200] = 0.0
     poses = drive([adaptive.model], commands)
     poses[300:320], poses[500, 1], poses[650:, 0] = np.nan, 9.0, poses[650:, 0] + 2.0
-    run = adaptive.run(commands, poses)
+    run = adaptive.run(commands, poses, C_NOISE)
     c = load_c(tmp_path / "car.so")
     memory = (ctypes.c_double * (len(run.z[0]) + len(run.z[0]) ** 2))()
     c.car_adapt_init(memory, numbers([0.0] * 3), numbers(START_TWIST), 0.0)
     assert np.abs(step_in_c(c, memory, commands, poses) - run.z).max() < 1e-9
     # after a gap what is known of the quantities goes on, less what is forgotten over it
     n = len(adaptive.formulas.states)
-    z, P = start_filter(adaptive.formulas, NOISE, np.zeros(3), START_TWIST, 0.0)
+    z, P = start_filter(adaptive.formulas, C_NOISE, np.zeros(3), START_TWIST, 0.0)
     run_filter(adaptive.filter, z, P, commands, poses)
+    ended_s = len(commands) * PERIOD_S
     gap_s, pose, twist, rows = 20.0, poses[399], np.array([0.8, 0.0, 0.1]), slice(400, 600)
-    z, P = start_filter(adaptive.formulas, NOISE, pose, twist, 0.2, Knowledge(z[n:], P[n:, n:], gap_s))
+    known = Knowledge(z[n:], P[n:, n:], gap_s, ended_s + gap_s)
+    z, P = start_filter(adaptive.formulas, C_NOISE, pose, twist, 0.2, known)
     kept = P.copy()
     again = run_filter(adaptive.filter, z, P, commands[rows], poses[rows])
     c.car_adapt_restart(memory, numbers(pose), numbers(twist), 0.2, gap_s)
@@ -332,7 +427,8 @@ def test_the_filter_in_c_is_the_same(adaptive: Adaptive, tmp_path: Path) -> None
     assert np.abs(step_in_c(c, memory, commands[rows], poses[rows]) - again.z).max() < 1e-9
     # one of which only the pose is known, with some periods without a pose
     poses[405:410] = np.nan
-    z, P = start_filter(adaptive.formulas, NOISE, pose, None, None, Knowledge(z[n:], P[n:, n:], gap_s))
+    known = Knowledge(z[n:], P[n:, n:], gap_s, known.time_s + 200 * PERIOD_S + gap_s)
+    z, P = start_filter(adaptive.formulas, C_NOISE, pose, None, None, known)
     kept = P.copy()
     again = run_filter(adaptive.filter, z, P, commands[rows], poses[rows], settling_poses(adaptive.formulas))
     c.car_adapt_restart(memory, numbers(pose), None, math.nan, gap_s)

@@ -30,6 +30,7 @@ from bcid.adaptation.quantities import AdaptedQuantity, choose_quantities, with_
 from bcid.adaptation.settings import FORGET_S
 from bcid.aliases import Floats
 from bcid.errors import InputRefused, UsageError
+from bcid.estimate.command_parts import braked_share
 from bcid.estimate.types import Estimate
 from bcid.likelihood.prepare import effect_constants
 from bcid.models.interface import Model
@@ -48,7 +49,8 @@ PUSH_RANGE = (1e-3, 10.0)
 TUNING_S = 60.0
 """Time (s) for which the car has moved when the pushes are tuned, under which all of the recording is followed."""
 FIRST_PUSHES = (0.005, 0.05, 0.5)
-"""Pushes, as that share, from the likeliest of which the best is sought: a wrong car is likely by large ones alone."""
+"""Pushes, as that share, from the likeliest of which the best is sought: a wrong car is likely by large ones alone.
+What lasts is sought from the same share of it in a second."""
 DEFAULT_POSE_SD = (1e-3, 1e-3, 2e-3)
 """Standard deviations (m, m, rad) of poses where no filter has identified them: those of an optical tracking system."""
 MAX_POSES_APART = 3.0
@@ -146,10 +148,15 @@ def adapt(
     `noise`, the pushes are those under which the poses of the first minute of motion are likeliest.
 
     Raises:
-        UsageError: a name is no quantity of this car.
+        UsageError: a name is no quantity of this car, or `forget_s` is no time.
         InputRefused: the recording has no stretch that is long enough, or, without `noise`, none in which the car
-            moves.
+            moves; it has a brake of its own; or the filter leaves the finite numbers.
     """
+    if not 0.0 < forget_s < math.inf:
+        raise UsageError(f"nothing is forgotten in {forget_s:g} s\n  next: give a time (s), such as {FORGET_S:g}")
+    if braked_share(estimate.parts) > 0.0:
+        cause = "have a brake of its own, of which the filter is not told: the car would seem to be another"
+        raise InputRefused(recording.name, "commands", cause, "adapt to a part without braking, such as NAME[0:20]")
     switched, quantities = choose_quantities(model, names)
     formulas = trace_adaptive(switched, quantities)
     drive = MeasuredDrive(estimate, poses_at_rows(recording, estimate))
@@ -164,6 +171,9 @@ def adapt(
         noise = tune_noise(compiled, formulas, motion, forget_s)
     compiled = assume_noise(compiled, formulas, noise)
     track = filter_drive(compiled, formulas, drive, noise)
+    if not math.isfinite(track.log_likelihood):
+        cause = f"{', '.join(names)}: the filter leaves the finite numbers"
+        raise InputRefused(recording.name, "poses", cause, "follow fewer quantities at once")
     return Adaptation(switched, quantities, formulas, compiled, noise, drive, track)
 
 
@@ -181,7 +191,7 @@ def filter_drive(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredD
     for rows in drive.stretches():
         first, after = rows.start, slice(rows.start + 1, rows.stop)
         delta = float(estimate.kinematic[first, 3])
-        known = Knowledge(q, P_q, float(time_s[first] - time_s[ended]))
+        known = Knowledge(q, P_q, float(time_s[first] - time_s[ended]), float(time_s[first]))
         z, P = start_filter(formulas, noise, estimate.pose[first], estimate.twist[first], delta, known)
         run = run_filter(f, z, P, np.ascontiguousarray(estimate.command[rows][:-1]), drive.poses[after])
         q, P_q, ended = z[n:], P[n:, n:], rows.stop - 1
@@ -198,7 +208,9 @@ def filter_drive(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredD
 
 
 def tune_noise(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredDrive, forget_s: float) -> FilterNoise:
-    """The noise under which the poses of a drive are likeliest: a push for the velocities, and one for the yaw rate.
+    """The noise under which the poses of a drive are likeliest: pushes for the velocities, and those for the yaw rate.
+
+    Of either there is one that is new in each period, and one that lasts.
 
     The drive's stretches are those in which the car moves.  The standard deviations of poses are those that the
     estimate's own filter was tuned to, where there was one.
@@ -214,16 +226,19 @@ def tune_noise(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredDri
     bounds = np.log(PUSH_RANGE)
 
     def assume(log_share: Floats) -> FilterNoise:
-        velocity, turning = np.exp(np.clip(log_share, *bounds)).tolist()
+        velocity, turning, lasting, lasting_turn = np.exp(np.clip(log_share, *bounds)).tolist()
         q = spread * np.array([velocity, velocity, turning])
-        return FilterNoise(q, pose_sd, TWIST_SD_SHARE * spread, STEERING_SD_RAD, spread, turned, forget_s)
+        d_x, d_y, d_turn = (spread * np.array([lasting, lasting, lasting_turn])).tolist()
+        return FilterNoise(
+            q, pose_sd, TWIST_SD_SHARE * spread, STEERING_SD_RAD, spread, turned, forget_s, (d_x, d_y, d_turn)
+        )
 
     def minus_log_likelihood(log_share: Floats) -> float:
         noise = assume(log_share)
         total = filter_drive(assume_noise(f, formulas, noise), formulas, drive, noise).log_likelihood
         return -total if math.isfinite(total) else math.inf
 
-    first = min((np.log([push, push]) for push in FIRST_PUSHES), key=minus_log_likelihood)
+    first = min((np.full(4, math.log(push)) for push in FIRST_PUSHES), key=minus_log_likelihood)
     found = minimize(minus_log_likelihood, first, method="Nelder-Mead", options={"xatol": 0.05, "fatol": 0.5})
     return assume(found.x)
 

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bcid.adaptation.filter import CompiledFilter, FilterNoise, first_variances, settling_poses
+from bcid.adaptation.filter import CompiledFilter, FilterNoise, first_variances, settling_poses, split_slopes
 from bcid.adaptation.filter_run import BOUND_ROUNDS, JUMP_POSES, OUTLIER
 from bcid.adaptation.formulas import AdaptiveFormulas
 from bcid.aliases import Floats, Ints
+from bcid.export.augmented_formulas import TIME
 from bcid.export.c_source import HELPERS, C, describe_all, element_texts, places_in, write_function
 from bcid.export.formulas import COMMANDS, START, Variable
 from bcid.export.graph import Node
@@ -78,7 +79,7 @@ static void forget({name}_adapt_filter *f, double share)
 void {name}_adapt_init({name}_adapt_filter *f, const double pose[3], const double *twist, double delta)
 {{
     int i;
-    for (i = 0; i < K; ++i) f->z[NX + i] = quantities[i];
+{clock_begins}    for (i = 0; i < K; ++i) f->z[NX + i] = quantities[i];
     for (i = 0; i < N * N; ++i) f->P[i / N][i % N] = 0.0;
     for (i = 0; i < K; ++i) f->P[NX + i][NX + i] = variances[NX + i];
     {name}_adapt_restart(f, pose, twist, delta, 0.0);
@@ -89,14 +90,28 @@ void {name}_adapt_restart({name}_adapt_filter *f, const double pose[3], const do
 {{
     static const double still[3] = {{0.0, 0.0, 0.0}};
     const int wheel_known = delta == delta;
-    int i, j;
+    double G[NX][K];
+{clock}    int i, j, m;
     forget(f, -expm1(-gap_s / FORGET_S));
-    first_states(pose, twist != NULL ? twist : still, wheel_known ? delta : 0.0, f->z + NX, f->z);
-    for (i = 0; i < NX; ++i) {{
+    first_states(pose, twist != NULL ? twist : still, wheel_known ? delta : 0.0, f->z + NX, f->z, G);
+{clock_goes_on}    for (i = 0; i < NX; ++i) {{
         for (j = 0; j < N; ++j) f->P[i][j] = f->P[j][i] = 0.0;
         f->P[i][i] = variances[i];
         if (twist == NULL && twist_unknown[i] > 0.0) f->P[i][i] = twist_unknown[i];
         if (!wheel_known && wheel_unknown[i] > 0.0) f->P[i][i] = wheel_unknown[i];
+    }}
+    /* what a pose says of the state depends on the quantities */
+    for (i = 0; i < NX; ++i) {{
+        for (j = NX; j < N; ++j) {{
+            double total = 0.0;
+            for (m = 0; m < K; ++m) total += G[i][m] * f->P[NX + m][j];
+            f->P[i][j] = f->P[j][i] = total;
+        }}
+    }}
+    for (i = 0; i < NX; ++i) {{
+        for (j = 0; j < NX; ++j) {{
+            for (m = 0; m < K; ++m) f->P[i][j] += f->P[i][NX + m] * G[j][m];
+        }}
     }}
     f->settling = twist == NULL || !wheel_known ? SETTLING : 0;
 }}
@@ -209,11 +224,12 @@ def write_adapt_header(name: str, about: str, formulas: AdaptiveFormulas, comman
 def write_adapt_source(name: str, about: str, formulas: AdaptiveFormulas, f: CompiledFilter, noise: FilterNoise) -> str:
     """The text of NAME_adapt.c: the filter `f` of `formulas`, which assumes `noise`."""
     n, k = len(formulas.states), len(formulas.quantities)
-    named = [Variable(q.name, q.unit, "") for q in formulas.quantities]
+    named = [Variable(q.symbol, q.unit, "") for q in formulas.quantities]
     in_z = places_in([*formulas.states, *named], "z")
     step = write_program([*formulas.next_states, *_varying(formulas.slopes)], C)
     pose = write_program([*formulas.pose, *_varying(formulas.pose_slopes)], C)
-    first = write_program(formulas.first_states, C)
+    first = write_program([*formulas.first_states, *_varying(formulas.first_slopes)], C)
+    G, G_places = split_slopes(formulas.first_slopes)
     starts = places_in(START[:3], "pose") | places_in(START[3:6], "twist") | {START[6].name: "delta"}
     programs = (step, pose, first)
     used = frozenset[str]().union(*(program.operations for program in programs))
@@ -239,14 +255,24 @@ def write_adapt_source(name: str, about: str, formulas: AdaptiveFormulas, f: Com
                     in_z | places_in(COMMANDS, "u"), element_texts("x", n), f.F, f.F_places, "F", ["z", "u"]),
         _write_part("seen_pose(const double z[N], double h[3], double H[3][N])", pose, in_z, element_texts("h", 3),
                     f.H, f.H_places, "H", ["z"]),
-        write_function(
-            "static void first_states(const double pose[3], const double twist[3], double delta, const double q[K], "
-            "double x[NX])", first, starts | places_in(named, "q"), element_texts("x", n),
-            ["pose", "twist", "delta", "q"],
-        ),
-        _LOOPS.format(name=name),
+        _write_part("first_states(const double pose[3], const double twist[3], double delta, const double q[K], "
+                    "double x[NX], double G[NX][K])", first, starts | places_in(named, "q"), element_texts("x", n),
+                    G, G_places, "G", ["pose", "twist", "delta", "q"]),
+        _LOOPS.format(name=name, **_write_clock(formulas)),
     ]  # fmt: skip
     return "\n".join(block for block in blocks if block)
+
+
+def _write_clock(formulas: AdaptiveFormulas) -> dict[str, str]:
+    """The lines that let the time of the recording, where formulas depend on it, go on over a gap."""
+    names = [state.name for state in formulas.states]
+    if TIME.name not in names:
+        return dict.fromkeys(("clock", "clock_goes_on", "clock_begins"), "")
+    t = f"f->z[{names.index(TIME.name)}]"
+    return {
+        "clock": f"    const double now = {t} + gap_s;\n",
+        "clock_goes_on": f"    {t} = now;\n", "clock_begins": f"    {t} = 0.0;\n",
+    }  # fmt: skip
 
 
 def _only_changed(formulas: AdaptiveFormulas, noise: FilterNoise, **known: bool) -> Floats:

@@ -7,13 +7,14 @@ import numpy as np
 from bcid.adaptation.adapt import Adaptation
 from bcid.adaptation.filter import start_filter
 from bcid.adaptation.filter_run import run_filter
-from bcid.estimate.types import Estimate
 from bcid.export.check_programs import c_table
 
 PERIODS = 200
 """Periods that are compared, fewer where a stretch is shorter."""
 TOLERANCE = 1e-9
 """Largest error of a number of z, relative for those beyond 1."""
+VARIANCE_TOLERANCE = 1e-6
+"""Largest relative error of a quantity's variance, which is what large numbers leave of each other."""
 
 _PROGRAM = """\
 /* Runs the filter of {name} over {count} poses of a recording, and compares it with bcid's own.
@@ -33,11 +34,12 @@ static const double commands[COUNT][2] = {commands};
 static const double poses[COUNT][3] = {poses};
 static const int measured[COUNT] = {measured};
 static const double expected[COUNT][{N}_NUMBERS] = {expected};
+static const double expected_variances[COUNT][{N}_NUMBERS] = {variances};
 
 int main(void)
 {{
     {name}_adapt_filter f;
-    double worst = 0.0;
+    double worst = 0.0, worst_variance = 0.0;
     int k, i;
     {name}_adapt_init(&f, first_pose, first_twist, {delta!r});
     for (k = 0; k < COUNT; ++k) {{
@@ -46,20 +48,29 @@ int main(void)
             const double error = fabs(f.z[i] - expected[k][i]) / fmax(1.0, fabs(expected[k][i]));
             if (!(error <= worst)) worst = error == error ? error : HUGE_VAL;
         }}
+        for (i = {states}; i < {N}_NUMBERS; ++i) {{
+            const double error = fabs(f.P[i][i] / expected_variances[k][i] - 1.0);
+            if (!(error <= worst_variance)) worst_variance = error == error ? error : HUGE_VAL;
+        }}
     }}
-    printf("%.3e\\n", worst);
-    return worst <= {tolerance!r} ? 0 : 1;
+    printf("%.3e %.3e\\n", worst, worst_variance);
+    return worst <= {tolerance!r} && worst_variance <= {variance_tolerance!r} ? 0 : 1;
 }}
 """
 
 
-def write_adapt_test(name: str, adaptation: Adaptation, estimate: Estimate) -> str:
-    """The text of NAME_adapt_test.c: the first stretch of the recording, as far as `PERIODS` go."""
-    rows = adaptation.drive.stretches()[0]
+def write_adapt_test(name: str, adaptation: Adaptation) -> str:
+    """The text of NAME_adapt_test.c: the first stretch in which the car moves, as far as `PERIODS` go.
+
+    Of a car that never moves it is the first stretch of all.
+    """
+    moving = adaptation.drive.first_motion(adaptation.filter.least_mps, PERIODS * adaptation.formulas.period_s)
+    drive = moving if moving.stretches() else adaptation.drive
+    estimate, rows = drive.estimate, max(drive.stretches(), key=lambda rows: rows.stop - rows.start)
     first, count = rows.start, min(PERIODS, rows.stop - rows.start - 1)
     delta = float(estimate.kinematic[first, 3])
     commands = np.ascontiguousarray(estimate.command[first : first + count])
-    poses = adaptation.drive.poses[first + 1 : first + 1 + count]
+    poses = drive.poses[first + 1 : first + 1 + count]
     z, P = start_filter(adaptation.formulas, adaptation.noise, estimate.pose[first], estimate.twist[first], delta)
     run = run_filter(adaptation.filter, z, P, commands, poses)
     measured = ~np.isnan(poses[:, 0])
@@ -68,4 +79,6 @@ def write_adapt_test(name: str, adaptation: Adaptation, estimate: Estimate) -> s
         pose=c_table(estimate.pose[first].tolist()), twist=c_table(estimate.twist[first].tolist()),
         commands=c_table(commands.tolist()), poses=c_table(np.where(measured[:, None], poses, 0.0).tolist()),
         measured="{" + ", ".join(str(int(m)) for m in measured) + "}", expected=c_table(run.z.tolist()),
+        variances=c_table(run.variance.tolist()), states=len(adaptation.formulas.states),
+        variance_tolerance=VARIANCE_TOLERANCE,
     )  # fmt: skip

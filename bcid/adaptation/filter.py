@@ -1,8 +1,9 @@
 """The filter that adapts a car: an extended Kalman filter over its states and the adapted quantities, compiled.
 
-Between two poses, a period apart,
+Between two poses, a period T apart,
 
     z^- = f(z, u),   P^- = F P F' + Q,   Q = T diag(q^2) on the twist (what the model lacks pushes it),
+                                         Q = (1 - exp(-2 T/tau_d)) diag(sd_d^2) on what lasts of that,
 
 and before that the quantities forget, with the time tau, what was learnt of them: with a = 1 - exp(-T/tau) and P_0
 their variance at first,
@@ -10,7 +11,11 @@ their variance at first,
     P_qq <- (1 - a) P_qq + a P_0,   P_xq <- (1 - a)^1/2 P_xq,
 
 so that the variance of one that a drive does not show returns to P_0 and never grows beyond it.  Over a gap without
-poses, after which the state x begins anew, they forget by the same rule, with the gap's length in place of T.
+poses, after which the state x begins anew, they forget by the same rule, with the gap's length in place of T.  Where
+the state x that a pose gives depends on the quantities, as where the tracked point is, they vary together from the
+start: with G = dx/dq and P_0x what is not known of the pose, twist and steering angle,
+
+    P_xx = P_0x + G P_qq G',   P_xq = G P_qq.
 
 At a pose y the three numbers enter one after the other: e = y - h(z), s = H P H' + r^2, K = P H'/s, z + K e,
 P - s K K'.  An innovation of more than `OUTLIER` standard deviations counts as one of so many: s is then
@@ -35,9 +40,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.adaptation.formulas import PUSHED, AdaptiveFormulas
+from bcid.adaptation.formulas import LASTING, LASTS_S, PUSHED, AdaptiveFormulas
 from bcid.aliases import Floats, Ints
 from bcid.compiled.njit import njit
+from bcid.export.augmented_formulas import TIME
 from bcid.export.formulas import COMMANDS, START
 from bcid.export.graph import Node
 from bcid.export.tape import Tape, record_tape, run_tape
@@ -62,14 +68,16 @@ class FilterNoise(NamedTuple):
     unknown_twist_sd: Floats  # (3,) of a first twist of which nothing is known
     unknown_steering_sd: float
     forget_s: float  # tau
+    lasting_sd: tuple[float, float, float] = (0.0, 0.0, 0.0)  # sd_d of what lasts: m/s^2, m/s^2, rad/s^2
 
 
 class Knowledge(NamedTuple):
-    """What is known of k quantities from the stretch of a drive before."""
+    """What is known of k quantities from the stretch of a drive before, and when the next one begins."""
 
     values: Floats  # (k,)
     covariance: Floats  # (k, k)
     gap_s: float  # from the end of that stretch to the beginning of the next
+    time_s: float = 0.0  # of the recording at that beginning
 
 
 class CompiledFilter(NamedTuple):
@@ -112,6 +120,7 @@ def assume_noise(f: CompiledFilter, formulas: AdaptiveFormulas, noise: FilterNoi
     """The filter `f` of `formulas` with what `noise` assumes."""
     T = formulas.period_s
     pushes = dict(zip(PUSHED, T * noise.q**2, strict=True))
+    pushes |= {d.name: -math.expm1(-2.0 * T / LASTS_S) * sd**2 for d, sd in zip(LASTING, noise.lasting_sd, strict=True)}
     Q = np.array([pushes.get(name, 0.0) for name in _names(formulas)])
     return f._replace(Q=Q, r2=noise.pose_sd**2, forgotten=share_forgotten(T, noise))
 
@@ -128,7 +137,7 @@ def share_forgotten(seconds: float, noise: FilterNoise) -> float:
 
 def _names(formulas: AdaptiveFormulas) -> list[str]:
     """The names of the numbers of z."""
-    return [*(s.name for s in formulas.states), *(q.name for q in formulas.quantities)]
+    return [*(s.name for s in formulas.states), *(q.symbol for q in formulas.quantities)]
 
 
 def start_filter(
@@ -139,29 +148,41 @@ def start_filter(
 
     Twist and angle are None where nobody knows them: then they are zero, and as uncertain as they can be.  Of the past
     nothing is known: the car coasts, its wheel held.  Where something is `known` of the quantities from before a gap,
-    they go on from there, less what is forgotten over the gap.
+    they go on from there, less what is forgotten over the gap; else the recording begins.
     """
-    names = [s.name for s in formulas.states]
-    inputs = [*(s.name for s in START), *(q.name for q in formulas.quantities)]
-    tape, x = record_tape(formulas.first_states, inputs), np.empty(len(names))
+    names, n = [s.name for s in formulas.states], len(formulas.states)
+    inputs = [*(s.name for s in START), *(q.symbol for q in formulas.quantities)]
+    tape, G, places = _record(formulas.first_states, formulas.first_slopes, inputs)
     values = np.array([q.start for q in formulas.quantities]) if known is None else known.values
     start = [*pose, *(np.zeros(3) if twist is None else twist), 0.0 if delta is None else delta]
-    run_tape(tape, np.array([*start, *values]), tape.start.copy(), x)
+    found = np.empty(n + len(places))
+    run_tape(tape, np.array([*start, *values]), tape.start.copy(), found)
+    x = found[:n]
+    if TIME.name in names:
+        x[names.index(TIME.name)] = 0.0 if known is None else known.time_s
     P = np.diag(first_variances(formulas, noise, twist is not None, delta is not None))
     if known is not None:
-        P_0 = np.diag(P)[len(x) :].copy()
-        P[len(x) :, len(x) :] = known.covariance
+        P_0 = np.diag(P)[n:].copy()
+        P[n:, n:] = known.covariance
         forget(P, P_0, share_forgotten(known.gap_s, noise))
+    G[tuple(places.T)] = found[n:]
+    P[:n, n:] = G @ P[n:, n:]
+    P[n:, :n] = P[:n, n:].T
+    P[:n, :n] += P[:n, n:] @ G.T
     return np.r_[x, values], P
 
 
 def first_variances(
     formulas: AdaptiveFormulas, noise: FilterNoise, twist_known: bool = True, wheel_known: bool = True
 ) -> Floats:
-    """The variances (N,) of the numbers of z at first; states of which nothing is said are known."""
+    """The variances (N,) of the numbers of z at first where these do not depend on each other.
+
+    States of which nothing is said are known.
+    """
     twist_sd = noise.twist_sd if twist_known else noise.unknown_twist_sd
     steering_sd = noise.steering_sd if wheel_known else noise.unknown_steering_sd
     sd = dict(zip((*PLACE, *PUSHED), (*noise.pose_sd, *twist_sd), strict=True)) | dict.fromkeys(STEERING, steering_sd)
+    sd |= {d.name: lasting for d, lasting in zip(LASTING, noise.lasting_sd, strict=True)}
     return np.array([sd.get(s.name, 0.0) ** 2 for s in formulas.states] + [q.sd**2 for q in formulas.quantities])
 
 
@@ -169,10 +190,15 @@ def _record(
     values: tuple[Node, ...], slopes: tuple[tuple[Node, ...], ...], inputs: list[str]
 ) -> tuple[Tape, Floats, Ints]:
     """A tape of `values` and of the slopes that vary; the slopes that are constant, and the places of those that do."""
+    constant, places = split_slopes(slopes)
+    return record_tape([*values, *(slopes[i][j] for i, j in places.tolist())], inputs), constant, places
+
+
+def split_slopes(slopes: tuple[tuple[Node, ...], ...]) -> tuple[Floats, Ints]:
+    """The slopes that are constant, zero where they vary, and the places (., 2) of those that do, row by row."""
     constant = np.array([[float(s.value or 0.0) if s.value is not None else 0.0 for s in row] for row in slopes])
     varying = [(i, j) for i, row in enumerate(slopes) for j, s in enumerate(row) if s.value is None]
-    tape = record_tape([*values, *(slopes[i][j] for i, j in varying)], inputs)
-    return tape, constant, np.array(varying, np.int64).reshape(-1, 2)
+    return constant, np.array(varying, np.int64).reshape(-1, 2)
 
 
 @njit

@@ -77,7 +77,8 @@ class CarUnderWay:
         """Begin at a measured pose, twist and steering angle, `gap_s` (s) after the end of the adaptation."""
         self.adaptation = adaptation
         self._settling: int  # poses from which nothing more is learnt of the quantities
-        self._begin(pose, twist, delta, adaptation.track.values[-1], adaptation.track.covariance, gap_s)
+        ended_s = float(adaptation.drive.estimate.time_s[-1])
+        self._begin(pose, twist, delta, adaptation.track.values[-1], adaptation.track.covariance, gap_s, ended_s)
 
     def step(self, command: Sequence[float], pose: Sequence[float] | None = None) -> None:
         """Let a period pass in which a `command` [u_s (rad), u_m] held; `pose` is what was measured at its end, if any.
@@ -89,6 +90,7 @@ class CarUnderWay:
         given = _numbers(command, 2, "a command")
         run_filter(self.adaptation.filter, self._z, self._P, given[None], measured[None], self._settling)
         self._settling = max(self._settling - (pose is not None), 0)
+        self._time_s += self.adaptation.formulas.period_s
 
     def restart(
         self, pose: Sequence[float], gap_s: float, twist: Sequence[float] | None = None, delta: float | None = None
@@ -102,21 +104,23 @@ class CarUnderWay:
         Raises:
             UsageError: these are no numbers, or not as many, or the gap is below zero.
         """
-        self._begin(pose, twist, delta, self.values, self.covariance, gap_s)
+        self._begin(pose, twist, delta, self.values, self.covariance, gap_s, self._time_s)
 
     def _begin(
         self, pose: Sequence[float], twist: Sequence[float] | None, delta: float | None, values: Floats,
-        covariance: Floats, gap_s: float,
+        covariance: Floats, gap_s: float, ended_s: float,
     ) -> None:  # fmt: skip
-        """Begin with quantities that had these `values` (k,) and this `covariance` (k, k) before a gap."""
+        """Begin with quantities that had these `values` (k,) and `covariance` (k, k) at `ended_s`, before a gap."""
         if not 0.0 <= gap_s < math.inf:
             raise UsageError(f"a gap cannot last {gap_s:g} s\n  next: give the time since the last pose")
-        formulas, noise, known = self.adaptation.formulas, self.adaptation.noise, Knowledge(values, covariance, gap_s)
+        formulas, noise = self.adaptation.formulas, self.adaptation.noise
+        known = Knowledge(values, covariance, gap_s, ended_s + gap_s)
         at = _numbers(pose, 3, "a pose")
         moving = None if twist is None else _numbers(twist, 3, "a twist")
         steered = None if delta is None else float(_numbers([delta], 1, "a steering angle")[0])
         self._z, self._P = start_filter(formulas, noise, at, moving, steered, known)
         self._settling = settling_poses(formulas) if moving is None or steered is None else 0
+        self._time_s = known.time_s
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -166,7 +170,10 @@ def _numbers(given: Sequence[float], count: int, what: str) -> Floats:
     Raises:
         UsageError: they are not as many, or not finite.
     """
-    found = np.asarray(given, float)
+    try:
+        found = np.asarray(given, float)
+    except (TypeError, ValueError):  # such as a text
+        found = np.full(count, np.nan)
     if found.shape != (count,) or not np.isfinite(found).all():
         raise UsageError(f"{given!r} is not {what}, of {count} finite numbers\n  next: check what is given")
     return found

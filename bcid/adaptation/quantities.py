@@ -1,4 +1,9 @@
-"""What of a car can be adapted while it drives, how much it may change, and between which bounds."""
+"""What of a car can be adapted while it drives, how much it may change, and between which bounds.
+
+A limit of a force that no drive of the model's had reached is no constant of the car, but as far as these drives went:
+the fit's own test says that a far larger one would do as well.  A heavier car goes farther.  So such limits are
+released (`release_limits`) before anything is adapted.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +14,10 @@ from typing import NamedTuple
 
 from bcid.effects.table import EFFECTS
 from bcid.errors import UsageError
+from bcid.models.interface import Model
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
+from bcid.models.newton_euler.model import NewtonEuler
+from bcid.models.newton_euler.parameters import GRAVITY, SATURATIONS, stated_errors
 
 GROUPS = {
     "mass": ("m", "I_z"),
@@ -27,6 +35,9 @@ EFFECT_SD_SIZES = 3.0
 """Standard deviation of an effect's parameter, in sizes at which ten minutes just show it."""
 SMALLEST_SIZE = 1e-9
 """In sizes of an effect, what stands for none where it is adapted: at zero its law is not a part of the formulas."""
+ONE_SIDED_START, ONE_SIDED_LOW = 1.0, 1e-3
+"""In sizes of an effect that cannot be less than none, such as a lag: where it starts, and the least that it is taken
+for.  At none at all its slope is, or a step of its law is no number, so that nothing would ever be learnt of it."""
 
 
 class AdaptedQuantity(NamedTuple):
@@ -42,9 +53,30 @@ class AdaptedQuantity(NamedTuple):
     unit: str
 
     @property
+    def symbol(self) -> str:
+        """What it is called in formulas: a name that programming languages take, as its own may have a point."""
+        return self.name.replace(".", "__")
+
+    @property
     def said_start(self) -> float:
         """The first value as it is told: 0 where there was no such effect."""
         return 0.0 if abs(self.start) <= SMALLEST_SIZE * self.sd else self.start
+
+
+def unreached_limits(model: Model) -> tuple[str, ...]:
+    """Limits of forces that were fitted, but that no drive reached, so that the fit states no error of theirs."""
+    if not isinstance(model, NewtonEuler | AugmentedNewtonEuler):
+        return ()
+    # a diagnosis lists the names of what it fitted, with their errors beside
+    facts = {"se": model.facts.get("se", {})} if isinstance(model, AugmentedNewtonEuler) else model.facts
+    errors = stated_errors(model.car, facts)
+    return tuple(limit for limit in SATURATIONS if limit in errors and errors[limit] is None)
+
+
+def release_limits(model: AugmentedNewtonEuler, limits: Sequence[str]) -> AugmentedNewtonEuler:
+    """The car with each of the `limits` at the weight m g, the most that a fit allows for, where it was below that."""
+    weight = model.car.m * GRAVITY
+    return replace(model, car=model.car._replace(**{s: max(weight, getattr(model.car, s)) for s in limits}))
 
 
 def choose_quantities(
@@ -126,5 +158,7 @@ def _parameter_called(name: str, effects: Mapping[str, float]) -> tuple[str, Ada
             "  next: adapt a model that a diagnosis made, or name something else"
         )
     p, field = sizes[symbol], f"{effect_id}__{symbol}"
-    start = effects.get(field) or p.off + SMALLEST_SIZE * p.size
-    return field, AdaptedQuantity(name, (field,), False, start, EFFECT_SD_SIZES * p.size, p.low, p.high, p.unit)
+    low, start = p.low, effects.get(field) or p.off + SMALLEST_SIZE * p.size
+    if p.low == p.off:
+        low, start = p.off + ONE_SIDED_LOW * p.size, effects.get(field) or p.off + ONE_SIDED_START * p.size
+    return field, AdaptedQuantity(name, (field,), False, start, EFFECT_SD_SIZES * p.size, low, p.high, p.unit)

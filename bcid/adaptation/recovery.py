@@ -8,6 +8,7 @@ import numpy as np
 
 from bcid.adaptation.adapt import Adaptation
 from bcid.aliases import Floats
+from bcid.bootstrap import bootstrap_interval
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import position_errors
 from bcid.models.interface import Model
@@ -16,6 +17,8 @@ HORIZON_S = 2.0
 """Time (s) over which positions are predicted: that of a controller that looks ahead."""
 EVERY_S = 1.0
 """Time (s) from one prediction to the next."""
+BLOCK = 5
+"""Predictions in a row that are taken together for an interval: twice as long as one lasts, and more."""
 
 
 class ErrorsOverTime(NamedTuple):
@@ -24,6 +27,18 @@ class ErrorsOverTime(NamedTuple):
     begin_s: Floats  # (P,)
     frozen: Floats  # (P,) of the model as it was given
     adapted: Floats  # (P,) of the model as it was known when the prediction began
+
+    def loss_interval(self) -> tuple[float, float] | None:
+        """The 95 % interval of by how much following made the mean squared error (m^2) larger.
+
+        None of fewer than two blocks of predictions, or where one leaves the finite numbers.
+        """
+        losses = self.adapted**2 - self.frozen**2
+        count = len(losses) // BLOCK
+        if count < 2 or not np.isfinite(losses).all():
+            return None
+        # predictions that overlap are alike, blocks of some nearly independent
+        return bootstrap_interval(np.array([block.mean() for block in np.array_split(losses, count)]), np.mean)
 
 
 def errors_over_time(adaptation: Adaptation, given: Model, estimate: Estimate) -> ErrorsOverTime:

@@ -9,6 +9,7 @@ import numpy as np
 from bcid.adaptation.adapt import Adaptation
 from bcid.adaptation.c_source import write_adapt_header, write_adapt_source
 from bcid.adaptation.c_test import write_adapt_test
+from bcid.adaptation.formulas import LASTS_S
 from bcid.adaptation.recovery import HORIZON_S, ErrorsOverTime
 from bcid.aliases import Floats
 from bcid.documents.adapt import AdaptDocument, AdaptedFigure, AdaptErrors, AdaptNoise
@@ -20,19 +21,20 @@ DOCUMENT = "adapt.json"
 
 
 def write_adaptation(
-    adaptation: Adaptation, errors: ErrorsOverTime, estimate: Estimate, name: str, model_digest: str, folder: Path
-) -> AdaptDocument:
+    adaptation: Adaptation, errors: ErrorsOverTime, estimate: Estimate, name: str, model_digest: str, folder: Path,
+    released: tuple[str, ...] = (),
+) -> AdaptDocument:  # fmt: skip
     """Write adapted.csv, adapt.json and NAME_adapt.h, .c and _test.c into `folder`; returns what the JSON holds."""
     about = f"{name}: {adaptation.model.name} of the model {model_digest[:12]}"
     write_table(adaptation, estimate, folder / TABLE)
     sources = {
         f"{name}_adapt.h": write_adapt_header(name, about, adaptation.formulas, COMMANDS),
         f"{name}_adapt.c": write_adapt_source(name, about, adaptation.formulas, adaptation.filter, adaptation.noise),
-        f"{name}_adapt_test.c": write_adapt_test(name, adaptation, estimate),
+        f"{name}_adapt_test.c": write_adapt_test(name, adaptation),
     }
     for file, text in sources.items():
         (folder / file).write_text(text, encoding="utf-8")
-    document = _describe(adaptation, errors, estimate, model_digest, (TABLE, *sources))
+    document = _describe(adaptation, errors, estimate, model_digest, (TABLE, *sources), released)
     document.write(folder / DOCUMENT)
     return document
 
@@ -46,24 +48,28 @@ def write_table(adaptation: Adaptation, estimate: Estimate, path: Path) -> None:
 
 
 def _describe(
-    adaptation: Adaptation, errors: ErrorsOverTime, estimate: Estimate, digest: str, files: tuple[str, ...]
-) -> AdaptDocument:
+    adaptation: Adaptation, errors: ErrorsOverTime, estimate: Estimate, digest: str, files: tuple[str, ...],
+    released: tuple[str, ...],
+) -> AdaptDocument:  # fmt: skip
     """What adapt.json holds."""
     values, sd, noise = adaptation.track.values[-1], adaptation.track.sd[-1], adaptation.noise
     figures = tuple(
         AdaptedFigure(
             name=q.name, constants=q.constants, is_factor=q.is_factor, unit=q.unit, first=q.said_start,
-            last=float(values[i]), last_sd=float(sd[i]), low=q.low, high=q.high,
+            first_sd=q.sd, last=float(values[i]), last_sd=float(sd[i]), low=q.low, high=q.high,
         )
         for i, q in enumerate(adaptation.quantities)
     )  # fmt: skip
     push, pose_sd = tuple(noise.q.tolist()), tuple(noise.pose_sd.tolist())
     return AdaptDocument(
         model=adaptation.model.name, model_digest=digest, recording=estimate.name, period_s=estimate.period_s,
-        quantities=figures, noise=AdaptNoise(push=push, pose_sd=pose_sd, forget_s=noise.forget_s),
+        quantities=figures, released=released,
+        noise=AdaptNoise(
+            push=push, lasting_sd=noise.lasting_sd, lasts_s=LASTS_S, pose_sd=pose_sd, forget_s=noise.forget_s
+        ),
         errors=AdaptErrors(
             horizon_s=HORIZON_S, predictions=len(errors.begin_s), frozen=_root_mean_square(errors.frozen),
-            adapted=_root_mean_square(errors.adapted),
+            adapted=_root_mean_square(errors.adapted), loss_ci95=errors.loss_interval(),
         ),
         files=files,
     )  # fmt: skip

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 DEFAULT_FOLDER = Path("adapted")
 NAME = "car"
+NOT_SHOWN = 0.95
+"""Share of a quantity's standard deviation at first from which on a drive says nothing of it."""
 C_FILES = ("_adapt.h", "_adapt.c", "_adapt_test.c")
 """What follows the name in those of the files in C."""
 
@@ -80,20 +82,32 @@ def adapt(
     work.estimate(recording)
     with sink.stage("adapt") as progress, work.runner.own_effects_of(folder):
         progress(0.1, "the filter")
-        adapted, car, estimate = adapt_over_take(work, recording, folder, quantity or ["mass"], forget)
+        adapted, car, estimate, released = adapt_over_take(work, recording, folder, quantity or ["mass"], forget)
         progress(0.6, "its predictions")
         errors = errors_over_time(adapted, car, estimate)
         with staged_outputs(out, lambda path: force) as staged:
-            document = write_adaptation(adapted, errors, estimate, name, model_digest(folder), staged)
+            document = write_adaptation(adapted, errors, estimate, name, model_digest(folder), staged, released)
     sink.result(document.as_json(), lambda: _tables(document))
-    errors_of = document.errors
-    if errors_of.frozen is not None and (errors_of.adapted is None or errors_of.adapted > errors_of.frozen):
-        sink.note(
-            "warning: following these made predictions worse, so that something else has changed; "
-            "`bcid diagnose` says what"
-        )
+    for text in _doubts(document):
+        sink.note(text)
     sink.note(f"written to: {out}")
     work.raise_if_parts_lost()
+
+
+def _doubts(document: AdaptDocument) -> list[str]:
+    """What a person should know of the result beside its figures."""
+    texts, errors = list[str](), document.errors
+    if document.released:
+        texts.append(
+            f"the drives of the model did not reach {', '.join(document.released)}: the adapted car has m g there"
+        )
+    lost = errors.frozen is not None and errors.adapted is None and errors.predictions
+    if lost or (errors.loss_ci95 is not None and errors.loss_ci95[0] > 0.0):
+        texts.append(
+            "warning: following these made predictions worse: something else has changed, which `bcid diagnose` names, "
+            "or nothing has, and following costs as much"
+        )
+    return texts
 
 
 def _tables(document: AdaptDocument) -> RenderableType:
@@ -105,12 +119,14 @@ def _tables(document: AdaptDocument) -> RenderableType:
     for q in document.quantities:
         what = f"times {', '.join(q.constants)}" if q.is_factor else q.unit
         end = " (at a bound)" if q.last in (q.low, q.high) else ""
+        end += " (this drive does not show it)" if q.last_sd > NOT_SHOWN * q.first_sd else ""
         rows.append([q.name, f"{q.first:g}", format_with_error(q.last, q.last_sd) + end, what])
     errors = document.errors
-    frozen, adapted = ("lost" if x is None else f"{x:.3f} m" for x in (errors.frozen, errors.adapted))
+    frozen, adapted = ("lost" if x is None else f"{x:.3f} m off" for x in (errors.frozen, errors.adapted))
     caption = (
-        f"position after {errors.horizon_s:g} s, {errors.predictions} predictions, root mean square: {adapted} off "
+        f"position after {errors.horizon_s:g} s, {errors.predictions} predictions, root mean square: {adapted} "
         f"as it was known at each moment, {frozen} as the model was"
-    )
+        if errors.predictions else f"no stretch lasts {errors.horizon_s:g} s, so that nothing is predicted"
+    )  # fmt: skip
     columns = ["quantity", "at first", "at the end", "acts on"]
     return plain_table(f"{document.model} on {document.recording}", columns, rows, caption)

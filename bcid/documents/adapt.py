@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from bcid.documents.document import Document, Figure, Number, Part
+from bcid.documents.document import Document, Figure, Interval, Number, Part
 
 
 class AdaptedFigure(Part):
@@ -15,6 +15,7 @@ class AdaptedFigure(Part):
     is_factor: bool  # on these; else the value itself
     unit: str
     first: Figure
+    first_sd: Figure
     last: Figure
     last_sd: Figure
     low: Figure  # the bounds
@@ -28,6 +29,7 @@ class AdaptErrors(Part):
     predictions: int
     frozen: Number = None  # of the model as it was given; null where a prediction leaves the finite numbers
     adapted: Number = None  # of the model as it was known when each prediction began
+    loss_ci95: Interval | None = None  # by how much the mean square (m^2) of those is larger; null where not known
 
 
 class AdaptNoise(Part):
@@ -35,6 +37,8 @@ class AdaptNoise(Part):
 
     push: tuple[Figure, Figure, Figure]  # on v_x, v_y (m/s/sqrt(s)) and yaw rate (rad/s/sqrt(s))
     pose_sd: tuple[Figure, Figure, Figure]  # m, m, rad
+    lasting_sd: tuple[Figure, Figure, Figure]  # of what lasts of them: m/s^2, m/s^2, rad/s^2
+    lasts_s: Figure
     forget_s: Figure
 
 
@@ -47,6 +51,7 @@ class AdaptDocument(Document):
     recording: str
     period_s: Figure
     quantities: tuple[AdaptedFigure, ...]
+    released: tuple[str, ...] = ()  # limits of forces that the model's drives had not reached: they are m g here
     noise: AdaptNoise
     errors: AdaptErrors
     files: tuple[str, ...]

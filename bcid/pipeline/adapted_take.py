@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bcid.adaptation.adapt import Adaptation, adapt, as_adaptable
+from bcid.adaptation.quantities import release_limits, unreached_limits
 from bcid.adaptation.settings import FORGET_S
 from bcid.estimate.saving import load_estimate
 from bcid.estimate.types import Estimate
@@ -22,6 +23,7 @@ class AdaptedTake(NamedTuple):
     adaptation: Adaptation
     frozen: AugmentedNewtonEuler
     estimate: Estimate
+    released: tuple[str, ...]  # limits of forces that the model's own drives did not reach
 
 
 def adapt_over_take(
@@ -38,6 +40,11 @@ def adapt_over_take(
     work.refuse_unusable([recording])
     taken, estimated = work.ingest(recording), work.estimate(recording)
     estimate = load_estimate(estimated.folder)
-    car = as_adaptable(load_model(model), work.vehicle, estimate)
-    adaptation = adapt(car, quantities, load_recording(taken.folder), estimate, forget_s=forget_s)
-    return AdaptedTake(adaptation, car, estimate)
+    saved = load_model(model)
+    car = as_adaptable(saved, work.vehicle, estimate)
+    # one that is followed begins where the fit put it
+    released = tuple(limit for limit in unreached_limits(saved) if limit not in quantities)
+    adaptation = adapt(
+        release_limits(car, released), quantities, load_recording(taken.folder), estimate, forget_s=forget_s
+    )
+    return AdaptedTake(adaptation, car, estimate, released)

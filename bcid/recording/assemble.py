@@ -10,6 +10,7 @@ from bcid.recording.checks.heading import drop_turned_poses, face_forward
 from bcid.recording.checks.held import drop_frozen_poses, drop_held_poses
 from bcid.recording.checks.samples import Samples
 from bcid.recording.formats.raw import RawTake
+from bcid.recording.limits import MOTION
 from bcid.recording.limits import STREAM as LIMITS
 from bcid.recording.measured_speed import let_measured_speed_run
 from bcid.recording.types import Irregularity, Recording, Stream, command_source_path
@@ -35,7 +36,17 @@ def _clean_streams(raw: RawTake) -> tuple[Samples, Samples, dict[str, Samples]]:
         with problems.gather_refusals():
             clean[name] = samples.clean_samples(time_s, values, name, source)
     problems.raise_if_any(first)
-    return lost.drop_lost_poses(clean.pop("pose")), clean.pop("command"), clean
+    return lost.drop_lost_poses(clean.pop("pose")), _drop_placeholders(clean.pop("command"), last), clean
+
+
+def _drop_placeholders(commands: Samples, source: str) -> Samples:
+    """The commands without single steering angles that nobody asks for, such as -9999, which stands for none."""
+    beyond = np.abs(commands.values[:, 0]) > MOTION.max_asked_steering_rad
+    if beyond.mean() > MOTION.max_placeholder_share:  # the whole column is in another unit, which is refused
+        return commands
+    largest = float(np.abs(commands.values[:, 0]).max())
+    text = f"steering beyond {MOTION.max_asked_steering_rad:g} rad, up to {largest:.4g}, which stands for none"
+    return commands.without(beyond, "steering command", "excluded", text)
 
 
 def _check_yaw_unit(time_s: Floats, yaw: Floats, source: str) -> None:

@@ -99,11 +99,12 @@ def cut_raw_take(raw: RawTake, cut: TimeCut) -> RawTake:
         InputRefused: no pose lies within it.
     """
     known = raw.pose_time_s[np.isfinite(raw.pose_time_s)]
-    zero = (float(known[0]) if len(known) else 0.0) if raw.first_pose_s is None else raw.first_pose_s
+    # rows of a table may stand in any order
+    zero = (float(known.min()) if len(known) else 0.0) if raw.first_pose_s is None else raw.first_pose_s
     begin, end = zero + cut.begin_s, zero + cut.end_s
     poses = (raw.pose_time_s >= begin) & (raw.pose_time_s <= end)
     if not poses.any():
-        lasts = float(known[-1]) - zero if len(known) else 0.0
+        lasts = float(known.max()) - zero if len(known) else 0.0
         cause = f"no pose lies between {cut.begin_s:g} and {cut.end_s:g} s: the take lasts {lasts:.1f} s"
         raise InputRefused(raw.sources[0].path, "cut", cause, "cut within the take")
     # rows of one table hold poses and commands, and stay together

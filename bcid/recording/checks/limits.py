@@ -117,6 +117,17 @@ class AgreementLimits:
     least_path_turn_rad: float = 6.3
     # turn of the yaw by that of the path, from which the yaw is in degrees: half of what it would be
     degrees_turn: float = 25.0
+    # factor, or its inverse, of the yaw's turn by that of the path, from which it is another quantity (half, in turns)
+    yaw_gain: float = 1.4
+    # turn of the path, to and fro, over which both are compared: slip and mounting move the one against the other by
+    # some tenths, so that over two full circles the factor is known to a tenth
+    least_compared_turn_rad: float = 12.6
+    # share of the yaw's turns that a factor leaves, from which yaw and path have nothing in common
+    unlike_turns: float = 0.1
+    # turn of the course within `course_s` that is a car's going back
+    turns_round_rad: float = 1.5
+    # yaw by which a body is turned from the way that its car goes, so that no command can be judged: an eighth turn
+    turned_body_rad: float = 0.785
     # span of a yaw that stands: less than the noise of any tracking over a take
     standing_yaw_rad: float = 0.05
 

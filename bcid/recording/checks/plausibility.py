@@ -48,6 +48,7 @@ def check_plausibility(recording: Recording, vehicle: Vehicle) -> Recording:
         odd += _check_turning(recording, vehicle)
         odd += _check_speed(recording, vehicle)
     with problems.gather_refusals():
+        _check_measured_throttle(recording, vehicle)
         odd += _check_channels(recording, vehicle)
     problems.raise_if_any(recording.sources[0].path)
     return replace(recording, irregularities=(*recording.irregularities, *odd))
@@ -254,6 +255,26 @@ def _check_brake(recording: Recording) -> None:
         cause = f"goes from {low:.3g} to {high:.3g}, where a share from 0 to 1 is meant: percent?"
         step = "log it so, or map the field with a gain"
         raise InputRefused(command_source_path(recording.sources), BRAKE_CHANNEL, cause, step)
+
+
+def _check_measured_throttle(recording: Recording, vehicle: Vehicle) -> None:
+    """Raise `InputRefused` where the throttle is a measured wheel speed in another unit than m/s."""
+    if vehicle.motor.law != "measured-speed":
+        return
+    motion = differentiate_poses(recording, vehicle)
+    use = motion.good & (np.abs(motion.v_f) > LIMITS.min_speed_share * np.quantile(np.abs(motion.v_f), 0.95))
+    if use.sum() < LIMITS.min_channel_rows:
+        return
+    driven, told = np.abs(motion.v_f), np.abs(recording.commands.held_at(motion.time_s)[:, 1])
+    times = float(np.median(told[use]) / np.median(driven[use]))
+    follows = _strongest_lagged_correlation(
+        driven, told, motion.good, round(LIMITS.max_channel_delay_s / motion.step_s)
+    ) > LIMITS.min_channel_correlation  # fmt: skip
+    factor = LIMITS.max_measured_speed_factor
+    if follows and not 1.0 / factor < times < factor:
+        cause = f"is {times:.3g} times the speed of the car: km/h, cm/s, or turns of the wheel?"
+        step = f"log the wheel's speed in m/s, or map it with gain = {1.0 / times:.3g} if that is its unit"
+        raise InputRefused(command_source_path(recording.sources), "throttle_mps", cause, step)
 
 
 def _check_channels(recording: Recording, vehicle: Vehicle) -> list[Irregularity]:

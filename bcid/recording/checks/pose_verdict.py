@@ -2,11 +2,15 @@
 
 import numpy as np
 
+from bcid.aliases import Floats
 from bcid.recording.checks.known import poses_known_at
 from bcid.recording.checks.limits import AGREEMENT as LIMITS
 from bcid.recording.checks.pose_noise import white_noise_sd
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
+
+YAW_GAINS = {0.5: "half of it", 1.0 / (2.0 * np.pi): "turns", 2.0: "twice of it", 1.0: "another unit"}
+"""What a yaw may be that turns by such a factor of the path."""
 
 
 def judge_poses(recording: Recording, vehicle: Vehicle) -> str | None:
@@ -47,4 +51,24 @@ def judge_poses(recording: Recording, vehicle: Vehicle) -> str | None:
     path_turns = np.abs(np.diff(course))[together]
     if len(path_turns) and float(np.median(np.abs(yaw_turn))) > LIMITS.degrees_turn * float(np.median(path_turns)):
         return "the yaw turns some 57 times as far as the path: it is in degrees, not rad; map it with gain = 0.017453"
-    return None
+    return _judge_yaw_gain(yaw_turn, np.diff(course)[together])
+
+
+def _judge_yaw_gain(yaw_turn: Floats, path_turn: Floats) -> str | None:
+    """The verdict on a yaw that turns by another factor than the path; both (N,) in rad, from row to row.
+
+    Over a whole drive both turn alike, however the body is mounted and the tyres slip: what is summed up along the path
+    lies on a line of slope 1.  Where the course turns round at once the car goes back, and nothing is compared.
+    """
+    use = np.abs(path_turn) < LIMITS.turns_round_rad
+    turned, path = np.cumsum(yaw_turn[use]), np.cumsum(path_turn[use])
+    if not len(path) or float(np.ptp(path)) < LIMITS.least_compared_turn_rad:
+        return None
+    slope = float(np.polyfit(path, turned, 1)[0])
+    left = float(np.var(turned - slope * path) / max(float(np.var(turned)), 1e-12))
+    if 1.0 / LIMITS.yaw_gain < slope < LIMITS.yaw_gain or left > LIMITS.unlike_turns:
+        return None
+    meant = min(YAW_GAINS, key=lambda gain: abs(np.log(gain / abs(slope))))
+    known = abs(np.log(meant / abs(slope))) < np.log(LIMITS.yaw_gain)
+    how = f"map it with gain = {1.0 / (meant if known else slope):.3g}, or log it in rad"
+    return f"the yaw turns {slope:.3g} times as far as the path: {YAW_GAINS[meant]}? {how}"

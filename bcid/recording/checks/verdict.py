@@ -11,6 +11,7 @@ from bcid.errors import InputRefused
 from bcid.recording.checks.commanded_motion import compare_on_grid
 from bcid.recording.checks.geometry import hint_at_geometry, show_geometry
 from bcid.recording.checks.limits import AGREEMENT as LIMITS
+from bcid.recording.checks.mounting import estimate_yaw_offset
 from bcid.recording.checks.plausibility import check_commands
 from bcid.recording.checks.pose_verdict import judge_poses
 from bcid.recording.checks.steering_verdict import SteeringAgreement, judge_steering
@@ -80,6 +81,18 @@ def raise_likely_cause(recording: Recording, vehicle: Vehicle) -> None:
             raise InputRefused(source, place, f"{cause} {shares}", step)
 
 
+def _judge_mounting(recording: Recording, vehicle: Vehicle) -> str | None:
+    """The verdict on a body that is turned so far on its car that no command could be judged; None on others."""
+    offset = estimate_yaw_offset(recording, vehicle)
+    if offset is None or abs(offset.rad) < LIMITS.turned_body_rad:
+        return None
+    value = float(np.angle(np.exp(1j * ((vehicle.mocap.yaw_offset_rad or 0.0) + offset.rad))))
+    return (
+        f"the tracked body points {offset.rad:.2f} rad off the way that the car goes, so that no command can be "
+        f"judged; set mocap.yaw_offset_rad = {value:.3f}, or turn the body in the tracking system"
+    )
+
+
 def judge_recording(recording: Recording, vehicle: Vehicle) -> tuple[Recording, TurningData | None, float | None]:
     """The recording with a verdict where it cannot be used; its turning, and the lag (s) at which its commands fit.
 
@@ -96,6 +109,9 @@ def judge_recording(recording: Recording, vehicle: Vehicle) -> tuple[Recording, 
         # a coarser judgement of what has been judged here
         others = tuple(i for i in recording.irregularities if i.kind != "steering response")
         recording = replace(recording, irregularities=others)
+    turned = _judge_mounting(recording, vehicle) if steering.verdict is not None and steering.fault is None else None
+    if turned is not None:
+        return refuse(recording, "poses", turned), data, None
     if steering.verdict is not None:
         if steering.fault is not None:
             action: Action = "warning" if steering.fault.is_usable else "no-go"

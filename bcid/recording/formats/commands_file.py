@@ -138,7 +138,10 @@ def _place_by_capture_start(
     clock = parse_stamps(pd.Series([capture_start], dtype=object)) if capture_start else None
     if clock is None or len(clock.bad_rows):
         step = "say what the stamps read at frame 0: [commands] time_zero = a stamp of this file"
-        raise InputRefused(table.path, "[commands] time_zero", "the export states no Capture Start Time", step)
+        cause = "the export states no Capture Start Time"
+        if capture_start:
+            cause = f"the export's Capture Start Time, {printable_name(capture_start)}, is in no notation that is read"
+        raise InputRefused(table.path, "[commands] time_zero", cause, step)
     if stamps.zoned or stamps.kind not in ("date", "clock"):
         cause = (
             f"the export's Capture Start Time ({printable_name(capture_start)}) is a local time, the stamps are none"

@@ -100,5 +100,8 @@ def mapped_poses_on_floor(
 
 
 def _position_scale(field: FieldMapping, mocap: Mocap) -> float:
-    """The size (m) of a mapped position's unit: 1 where a gain or calibration points make it m already."""
-    return mocap.metres_per_unit if field.gain == 1.0 and field.points is None else 1.0
+    """The size (m) of a mapped position's unit: 1 where a gain or calibration points make it m already.
+
+    A gain of -1 turns an axis round, and says nothing of the unit.
+    """
+    return mocap.metres_per_unit if abs(field.gain) == 1.0 and field.points is None else 1.0

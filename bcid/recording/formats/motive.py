@@ -106,6 +106,9 @@ def _find_missing_frames(header: MotiveHeader, rows: int, path: Path) -> list[Ir
 
 def _pose_columns(header: MotiveHeader, body: str, path: Path) -> tuple[dict[str, int], dict[str, int]]:
     """Column indices by axis of the body's position and of its rotation (X, Y, Z and perhaps W); refused if missing."""
+    if header.holds_twice(body, "Position"):
+        cause = "is there twice: it is not known which of them is the car"
+        raise InputRefused(path, f"rigid body {body!r}", cause, "give the bodies names of their own, and export again")
     position, rotation = header.column_indices(body, "Position"), header.column_indices(body, "Rotation")
     if set(position) != set("XYZ") or set(rotation) not in ({*"XYZ"}, {*"XYZW"}):
         raise InputRefused(path, f"rigid body {body!r}", "lacks rotation or position columns", "export both")

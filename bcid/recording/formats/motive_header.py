@@ -37,6 +37,12 @@ class MotiveHeader:
         """The names of the export's rigid bodies, in order."""
         return list(dict.fromkeys(n for n, t in zip(self.names, self.types, strict=True) if t == "Rigid Body"))
 
+    def holds_twice(self, body: str, measure: str) -> bool:
+        """Whether an axis of a body's measure has several columns, as where two bodies have one name."""
+        columns = zip(self.types, self.names, self.measures, self.axes, strict=True)
+        axes = [axis for *column, axis in columns if column == ["Rigid Body", body, measure]]
+        return len(set(axes)) < len(axes)
+
     def column_indices(self, body: str, measure: str) -> dict[str, int]:
         """The index of each column of a body's measure, such as "Position", by axis letter."""
         columns = enumerate(zip(self.types, self.names, self.measures, self.axes, strict=True))

@@ -119,7 +119,7 @@ def read_listed_pose(message: Any, where: PoseList, body: str | None, stamped: b
     Where no body is named, or the type has no names, it is that of the only one.
 
     Raises:
-        SeveralBodies: there are more.
+        SeveralBodies: there are more, or several of that name.
     """
     items = list(get_field(message, where.items))
     if where.name is None or body is None:
@@ -128,6 +128,8 @@ def read_listed_pose(message: Any, where: PoseList, body: str | None, stamped: b
         chosen = items
     else:
         chosen = [item for item in items if str(get_field(item, where.name)) == body]
+        if len(chosen) > 1:  # of one name
+            raise SeveralBodies(body_names(message, where))
     if not chosen:
         return None
     pose = get_field(chosen[0], where.pose) if where.pose else chosen[0]

@@ -98,7 +98,7 @@ def _read_rows(path: Path, columns: Columns, vehicle: Vehicle) -> tuple[RawTake,
         table.check_units(columns, columns.time_s, vehicle.mocap.metres_per_unit)
     problems.raise_if_any(path)
     finite = stamps.seconds[np.isfinite(stamps.seconds)]
-    first_s = float(finite[0]) if len(finite) else 0.0
+    first_s = float(finite.min()) if len(finite) else 0.0
     time_s = stamps.seconds - first_s
     in_si = np.column_stack([map_field(field, numbers.__getitem__) for field in fields])
     n, m = len(columns.fields), len(columns.fields) + len(columns.command_fields)
