@@ -160,10 +160,10 @@ def test_a_body_is_where_all_its_frames_put_it() -> None:
         "odom": {"map": FrameTransforms([0], [None], [[1.0, 2.0, 0.0, 0.0, 0.0, np.sin(turn / 2), np.cos(turn / 2)]])},
         "car": {"odom": FrameTransforms([5, 6], [None, None], [[3.0, *[0.0] * 5, 1.0], [4.0, *[0.0] * 5, 1.0]])},
     }  # fmt: skip
-    rows = compose_transforms(edges_to_world(tree, "car", None, PATH))
+    rows = compose_transforms(edges_to_world(tree, "car", None, PATH), [5, 6])
     np.testing.assert_allclose(rows[:, :2], [[1.0, 5.0], [1.0, 6.0]], atol=1e-12)
     np.testing.assert_allclose(rows[:, 5:], [[np.sin(turn / 2), np.cos(turn / 2)]] * 2, atol=1e-12)
-    only = compose_transforms(edges_to_world(tree, "car", "odom", PATH))
+    only = compose_transforms(edges_to_world(tree, "car", "odom", PATH), [5, 6])
     np.testing.assert_allclose(only[:, 0], [3.0, 4.0])
 
 
@@ -173,7 +173,7 @@ def test_where_a_frame_is_not_yet_known_there_is_no_pose() -> None:
         "odom": {"map": FrameTransforms([6], [None], [row])},
         "car": {"odom": FrameTransforms([5, 7], [None, None], [row, row])},
     }
-    rows = compose_transforms(edges_to_world(tree, "car", None, PATH))
+    rows = compose_transforms(edges_to_world(tree, "car", None, PATH), [5, 7])
     assert np.isnan(rows[0]).all()
     assert np.isfinite(rows[1]).all()
 
@@ -206,8 +206,11 @@ def test_a_frame_that_hardly_ever_comes_is_told() -> None:
     assert find_rare_frames({"car": {"map": own}, "other": {"map": own}}, own) == []
 
 
-def test_a_drive_behind_two_frames_is_the_same_drive(recording: Recording, vehicle: Vehicle, tmp_path: Path) -> None:
-    """/tf with map -> odom -> car, the first of them on /tf_static."""
+@pytest.mark.parametrize("fixed", ["world", "body"])
+def test_a_drive_behind_two_frames_is_the_same_drive(
+    fixed: str, recording: Recording, vehicle: Vehicle, tmp_path: Path
+) -> None:
+    """/tf with map -> odom -> car, of which either the first is on /tf_static or the last, as a body's mounting is."""
 
     def message(parent: str, child: str, t: float, x: float, y: float, yaw: float) -> dict[str, Any]:
         stamp = {"sec": int(t), "nanosec": round(t % 1 * 1e9)}
@@ -217,14 +220,18 @@ def test_a_drive_behind_two_frames_is_the_same_drive(recording: Recording, vehic
                                 "transform": moved}]}  # fmt: skip
 
     t, pose = recording.poses.time_s, recording.poses.values
-    back = pose - [1.0, 0.5, 0.0]
-    poses = [(s, message("odom", "car", s, *map(float, p))) for s, p in zip(t, back, strict=True)]
+    if fixed == "world":
+        at, still, moving = pose - [1.0, 0.5, 0.0], ("map", "odom", 0.0, 1.0, 0.5, 0.0), ("odom", "car")
+    else:  # the car lies 0.2 m ahead of the tracked body
+        ahead = np.column_stack([np.cos(pose[:, 2]), np.sin(pose[:, 2]), np.zeros(len(pose))])
+        at, still, moving = pose - 0.2 * ahead, ("odom", "car", 0.0, 0.2, 0.0, 0.0), ("map", "odom")
+    poses = [(s, message(*moving, s, *map(float, p))) for s, p in zip(t, at, strict=True)]
     commands = [
         (s, {"header": {"stamp": {"sec": int(s), "nanosec": round(s % 1 * 1e9)}}, "steering_rad": u, "throttle_mps": m})
         for s, (u, m) in zip(recording.commands.time_s, recording.commands.values, strict=True)
     ]
     path = json_mcap(tmp_path / "tf.mcap", {
-        "/tf_static": ("tf2_msgs/TFMessage", [(0.0, message("map", "odom", 0.0, 1.0, 0.5, 0.0))]),
+        "/tf_static": ("tf2_msgs/TFMessage", [(0.0, message(*still))]),
         "/tf": ("tf2_msgs/TFMessage", poses), "/command": ("own", commands),
     })  # fmt: skip
     topics = {"pose": "/tf", "command": "/command", "child_frame": "car", "world_frame": "map"}

@@ -184,3 +184,22 @@ def test_two_bodies_of_one_name_are_refused(tmp_path: Path) -> None:
     vehicle = read_vehicle(LOGS / "bumper_car.toml")
     with pytest.raises(InputRefused, match="is there twice"):
         read_raw_take(file, vehicle, LOGS / "validation.commands.csv")
+
+
+def test_a_half_of_a_command_that_falls_silent_holds_no_longer_than_commands_do(tmp_path: Path) -> None:
+    """Steering and throttle in rows of their own: the steering's node is away for six seconds."""
+    (tmp_path / "small.toml").write_text(SMALL_CAR, encoding="utf-8")
+    vehicle, rows = read_vehicle(tmp_path / "small.toml"), drive_small_car(60.0)
+    lines = ["t,x,y,yaw,steer,throttle"]
+    for k, (t, x, y, yaw, steer, throttle) in enumerate(rows.tolist()):
+        lines.append(f"{t:.4f},{x},{y},{yaw},,")
+        if k % 2 == 0 and not 20.0 < t < 26.0:
+            lines.append(f"{t + 0.002:.4f},,,,{steer},")
+        if k % 2 == 0:
+            lines.append(f"{t + 0.004:.4f},,,,,{throttle}")
+    (tmp_path / "t.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    recording = assemble_recording(read_raw_take(tmp_path / "t.csv", vehicle), vehicle)
+    (gap,) = [odd for odd in recording.irregularities if odd.kind == "command gap"]
+    assert "the longest 5.5" in gap.detail
+    held = recording.commands.time_s
+    assert not ((held > 20.6) & (held < 25.9)).any()

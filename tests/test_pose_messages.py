@@ -248,7 +248,7 @@ def test_messages_of_one_instant_make_one_row() -> None:
 
     steering, throttle = track([1.0, 2.0, 3.0], "steering_rad"), track([7.0, 8.0], "throttle_mps")
     times = [np.array([0.0, 1.0, 2.0]), np.array([1.0, 1.5])]
-    time_s, values = merge_commands([steering, throttle], times)
+    time_s, values = merge_commands([steering, throttle], times, 0.5)
     np.testing.assert_array_equal(time_s, [1.0, 1.5, 2.0])
     np.testing.assert_array_equal(values, [[2.0, 7.0], [2.0, 8.0], [3.0, 8.0]])
 

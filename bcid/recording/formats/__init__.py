@@ -1,7 +1,7 @@
 """Readers, one `read_<format>` for each file format, which return a `RawTake` without judging it.
 
 All: `detect` (the format of a file), `foreign` (formats that are not read), `raw` (what readers return), `floor` (poses
-on the floor, by unit and vertical), `names` (as they are shown).
+on the floor, by unit and vertical), `held_commands` (halves that come on their own), `names` (as they are shown).
 Tables: `tables` and `commands_file` over `logged_table` (columns by name), `csv_table`, `table_head` (names, units),
 `csv_text`, `csv_rows` and `csv_plain` (before cells are read; rows of plain numbers), `parquet_table`, `numbers` and
 `stamps` (notations of cells).

@@ -90,7 +90,7 @@ def read_mcap(path: Path, vehicle: Vehicle, allow_partial: bool = False, cut: Ti
         for i, name in enumerate(command.columns)
         if name not in ("steering_rad", "throttle_mps")
     }
-    command_s, command = merge_commands(commands, times.command_s)
+    command_s, command = merge_commands(commands, times.command_s, vehicle.command.max_hold_s)
     several = _find_several_publishers(contents, command_topics(topics))
     of_pose = [*_find_several_publishers(contents, [topics.pose]), *pose.irregularities]
     return RawTake(

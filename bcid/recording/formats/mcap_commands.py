@@ -9,6 +9,7 @@ from bcid.aliases import Floats
 from bcid.errors import InputRefused
 from bcid.mapping import OPTIONAL_CHANNELS, CommandFields, FieldMapping
 from bcid.recording.formats import ros_messages as ros
+from bcid.recording.formats.held_commands import held_too_long
 from bcid.recording.formats.mcap_contents import McapContents
 from bcid.recording.formats.mcap_poses import read_mapped_fields, track_of_table
 from bcid.recording.formats.mcap_times import MessageTrack
@@ -113,11 +114,12 @@ def _known_fields(contents: McapContents, topic: str, schema: str, first: Any, p
     return CommandFields.model_validate({"steering_rad": steering, "throttle_mps": throttle, **extra})
 
 
-def merge_commands(tracks: list[CommandTrack], times_s: list[Floats]) -> tuple[Floats, Floats]:
+def merge_commands(tracks: list[CommandTrack], times_s: list[Floats], hold_s: float) -> tuple[Floats, Floats]:
     """Command times (M,) in s and commands [steering, throttle] (M, 2), from one topic or from one of each.
 
     A value holds until the next message of its topic: each message makes a row, from the first on at which both are
-    known; messages of one instant make one.
+    known; messages of one instant make one.  A topic that is sent at a rate and then is silent for more than `hold_s`
+    says nothing more until its next message.
     """
     if len(tracks) == 1:
         rows = [tracks[0].columns.index(name) for name in ("steering_rad", "throttle_mps")]
@@ -131,4 +133,7 @@ def merge_commands(tracks: list[CommandTrack], times_s: list[Floats]) -> tuple[F
     merged_s = np.unique(np.r_[steering_s, throttle_s])
     merged_s = merged_s[merged_s >= max(steering_s[0], throttle_s[0])]
     at = [np.searchsorted(t, merged_s, side="right") - 1 for t in (steering_s, throttle_s)]
-    return merged_s, np.column_stack([u_s[at[0]], u_m[at[1]]])
+    commands = np.column_stack([u_s[at[0]], u_m[at[1]]])
+    for k, sample_s in enumerate((steering_s, throttle_s)):
+        commands[held_too_long(sample_s, merged_s, hold_s), k] = np.nan
+    return merged_s, commands

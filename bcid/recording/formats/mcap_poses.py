@@ -205,7 +205,8 @@ def _read_tree(contents: McapContents, vehicle: Vehicle, topics: Topics) -> Mess
         cause = f"its messages hold several bodies: {error}"
         raise InputRefused(contents.path, place, cause, NAME_BODY) from None
     table = NumberTable(7)
-    table.log_ns, table.stamps = edges[0].log_ns, edges[0].stamps
-    rows = tf.compose_transforms(edges)
+    timed = tf.busiest_edge(edges)
+    table.log_ns, table.stamps = timed.log_ns, timed.stamps
+    rows = tf.compose_transforms(edges, timed.log_ns)
     values, odd = poses_on_floor(rows, vehicle.mocap, table.logged_s, contents.path)
-    return track_of_table(table, values, topics.pose, contents, [*odd, *tf.find_rare_frames(tree, edges[0])])
+    return track_of_table(table, values, topics.pose, contents, [*odd, *tf.find_rare_frames(tree, timed)])

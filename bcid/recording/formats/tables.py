@@ -12,6 +12,7 @@ from bcid.mapping import Columns
 from bcid.recording.formats.commands_file import TakeStart, read_commands_file
 from bcid.recording.formats.detect import COMMANDS_ENDING
 from bcid.recording.formats.floor import mapped_poses_on_floor
+from bcid.recording.formats.held_commands import held_too_long
 from bcid.recording.formats.logged_table import read_logged_table
 from bcid.recording.formats.raw import RawTake, identify_file, map_field, raw_field_names
 from bcid.recording.formats.stamps import Stamps
@@ -32,16 +33,21 @@ def _hold_last(values: Floats) -> Floats:
     return filled
 
 
-def _command_rows(command: Floats, rows: Bools) -> tuple[Floats, Bools]:
+def _command_rows(time_s: Floats, command: Floats, rows: Bools, hold_s: float) -> tuple[Floats, Bools]:
     """Commands (N, 2), and the mask (N,) of their rows, where steering and throttle may have rows of their own.
 
-    If they do, each holds until its next value, and a command begins where both are known.
+    If they do, each holds until its next value, and a command begins where both are known; one that comes at a rate
+    and then stays away for more than `hold_s` says nothing more until it comes again.
     """
     steering, throttle = ~np.isnan(command.T)
     if not _has_own_rows(steering, throttle):
         return command, rows
     held = _hold_last(command)
-    return held, (steering | throttle) & ~np.isnan(held).any(axis=1)
+    kept = (steering | throttle) & ~np.isnan(held).any(axis=1)
+    for k, own in enumerate((steering, throttle)):
+        sample_s = np.unique(time_s[own & np.isfinite(time_s)])
+        held[held_too_long(sample_s, time_s, hold_s), k] = np.nan
+    return held, kept
 
 
 class StreamsOfRows(NamedTuple):
@@ -53,7 +59,7 @@ class StreamsOfRows(NamedTuple):
 
 
 def _part_rows(
-    time_s: Floats, pose: Floats, blank_pose: Bools, command: Floats, channels: dict[str, Floats]
+    time_s: Floats, pose: Floats, blank_pose: Bools, command: Floats, channels: dict[str, Floats], hold_s: float
 ) -> StreamsOfRows:
     """The streams of a table with rows at `time_s` (K,): poses (K, 3), commands (K, 2) or (K, 0), channels (K,).
 
@@ -65,7 +71,7 @@ def _part_rows(
     joined = _has_own_rows(has_pose, has_command)
     pose_rows, command_rows = (has_pose, has_command) if joined else (every, every)
     if command.shape[1]:
-        command, command_rows = _command_rows(command, command_rows)
+        command, command_rows = _command_rows(time_s, command, command_rows, hold_s)
     else:
         command, command_rows = np.empty((len(time_s), 2)), ~every
     parted = dict[str, tuple[Floats, Floats]]()
@@ -105,7 +111,7 @@ def _read_rows(path: Path, columns: Columns, vehicle: Vehicle) -> tuple[RawTake,
     pose, odd_poses = mapped_poses_on_floor(list(in_si[:, :n].T), columns, vehicle.mocap, time_s, path)
     blank_pose = np.asarray(np.isnan(in_si[:, :n]).all(axis=1), dtype=np.bool_)
     channels = dict(zip(columns.channels, in_si[:, m:].T, strict=True))
-    streams = _part_rows(time_s, pose, blank_pose, in_si[:, n:m], channels)
+    streams = _part_rows(time_s, pose, blank_pose, in_si[:, n:m], channels, vehicle.command.max_hold_s)
     odd = (*table.irregularities, *odd_stamps, *odd_numbers, *odd_poses)
     take = RawTake(path.stem, (source,), *streams.pose, *streams.command, None, streams.channels, odd)
     return take, stamps._replace(origin_s=stamps.origin_s + first_s + columns.time_s.offset, seconds=time_s)

@@ -130,28 +130,37 @@ def find_rare_frames(tree: TransformTree, own: FrameTransforms) -> list[Irregula
     return [Irregularity("rare frames", "warning", sum(rare.values()), "transforms", text)]
 
 
-def compose_transforms(edges: list[FrameTransforms]) -> Floats:
-    """Poses (N, 7) of the body in the world: x, y, z (m), quaternion x, y, z, w; one per transform in `edges[0]`.
+def busiest_edge(edges: list[FrameTransforms]) -> FrameTransforms:
+    """The edge of which most transforms were sent: what moves, where the body itself is fixed to a tracked frame."""
+    return max(edges, key=lambda edge: len(edge.log_ns))
 
-    `edges` lead from the body up to the world; each pose is composed with the last transform of every further edge
-    that was logged by then, and NaN where there is none.
+
+def compose_transforms(edges: list[FrameTransforms], log_ns: list[int]) -> Floats:
+    """Poses (N, 7) of the body in the world at the log times (N,): x, y, z (m), quaternion x, y, z, w.
+
+    `edges` lead from the body up to the world; each pose is composed of the last transform of every edge that was
+    logged by then, and NaN where there is none.
     """
     from scipy.spatial.transform import Rotation
 
-    own = edges[0]
     if len(edges) == 1:
-        return np.array(own.rows)
-    rows = _blank_non_unit_rows(own)
+        return np.array(edges[0].rows)
+    rows = _last_rows(edges[0], log_ns)
     for above in edges[1:]:
-        last = np.searchsorted(above.log_ns, own.log_ns, side="right") - 1
-        moved = _blank_non_unit_rows(above)[np.maximum(last, 0)]
-        good = np.isfinite(rows).all(axis=1) & np.isfinite(moved).all(axis=1) & (last >= 0)
+        moved = _last_rows(above, log_ns)
+        good = np.isfinite(rows).all(axis=1) & np.isfinite(moved).all(axis=1)
         turn = Rotation.from_quat(moved[good, 3:])
         together = np.full_like(rows, np.nan)
         together[good, :3] = moved[good, :3] + turn.apply(rows[good, :3])
         together[good, 3:] = (turn * Rotation.from_quat(rows[good, 3:])).as_quat()
         rows = together
     return rows
+
+
+def _last_rows(edge: FrameTransforms, log_ns: list[int]) -> Floats:
+    """The last transform (N, 7) of an edge by each of the log times (N,); NaN where there is none."""
+    last = np.searchsorted(edge.log_ns, log_ns, side="right") - 1
+    return np.where((last >= 0)[:, None], _blank_non_unit_rows(edge)[np.maximum(last, 0)], np.nan)
 
 
 def _blank_non_unit_rows(moves: FrameTransforms) -> Floats:

@@ -1,0 +1,27 @@
+"""Steering and throttle that come on their own: how long each holds."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bcid.aliases import Bools, Floats
+from bcid.recording.limits import STREAM
+
+
+def is_sent_at_a_rate(time_s: Floats) -> bool:
+    """Whether samples at times (M,) in s come at a regular rate, but for some gaps, and not only as values change."""
+    steps = np.diff(time_s)
+    if not len(steps):
+        return False
+    return bool((steps <= STREAM.gap_steps * float(np.median(steps))).mean() > STREAM.min_regular_share)
+
+
+def held_too_long(sample_s: Floats, at_s: Floats, hold_s: float) -> Bools:
+    """Which of the times `at_s` (K,) in s come more than `hold_s` after the last of the samples (M,) before them.
+
+    None do of a stream that is sent only as its value changes: that value holds.
+    """
+    if not is_sent_at_a_rate(sample_s):
+        return np.zeros(len(at_s), dtype=np.bool_)
+    last = sample_s[np.maximum(np.searchsorted(sample_s, at_s, side="right") - 1, 0)]
+    return np.asarray(at_s - last > hold_s)
