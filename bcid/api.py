@@ -303,7 +303,8 @@ def adapt(
     config = _configure(recording, vehicle, out, pipeline).model_copy(update={"ignore_health": ignore_health})
     work, folder = Pipeline(config), model.folder if isinstance(model, FittedModel) else Path(model)
     with work.runner.own_effects_of(folder):
-        return AdaptedCar(adapt_over_take(work, Path(recording), folder, quantities, forget_s).adaptation)
+        taken = adapt_over_take(work, Path(recording), folder, quantities, forget_s)
+    return AdaptedCar(taken.adaptation, taken.released)
 
 
 def export_code(

@@ -158,9 +158,19 @@ def test_what_the_filter_cannot_use_is_refused() -> None:
         with pytest.raises(UsageError, match="nothing is forgotten"):
             adapt(model, ["mass"], recording, estimate, forget_s=forget_s)
     parts = estimate.parts.copy()
-    parts[100:120, :, 3] = 0.5
+    parts[..., 3] = 0.5
     with pytest.raises(InputRefused, match="a brake of its own"):
         adapt(model, ["mass"], recording, replace(estimate, parts=parts))
+
+
+def test_while_a_brake_of_its_own_acts_nothing_is_followed() -> None:
+    drive = adapt_after_standing(0.0).drive
+    parts = drive.estimate.parts.copy()
+    parts[..., 3] = 0.01  # a pedal that idles
+    parts[100:120, :, 3] = 0.5
+    braked = drive._replace(estimate=replace(drive.estimate, parts=parts)).without_braking()
+    apart = [(s.start, s.stop) for s in braked.stretches()]
+    assert apart == [(0, 100), (120, len(drive.estimate))]
 
 
 def test_following_is_said_to_be_worse_only_where_it_is() -> None:

@@ -336,6 +336,11 @@ def test_what_cannot_be_less_than_none_stays_a_number_and_moves(name: str) -> No
     assert math.isfinite(run.log_likelihood)
     assert np.isfinite(run.variance).all()
     assert values.min() > 0.0
+    # of what is shown, and does not begin at what is true, more is known in the end
+    shown, column = run.variance[-1, adaptive.column(name)] < (0.7 * quantity.sd) ** 2, adaptive.column(name)
+    if shown:
+        off = abs(values[-1] - truth)
+        assert off < max(abs(quantity.start - truth), 3.0 * math.sqrt(run.variance[-1, column]))
     # this car's motor does not come to a limit of its power
     assert values.std() > 0.0 or name == "motor_power_limit.inverse_P"
 
@@ -380,10 +385,14 @@ def test_what_lasts_of_what_a_model_lacks_widens_its_errors() -> None:
 
 
 def test_limits_that_no_drive_reached_are_released() -> None:
-    fitted = {"F_r_max": {"relative_se": None}, "F_f_max": {"relative_se": 0.02}, "C_r": {"relative_se": None}}
-    assert unreached_limits(NewtonEuler(CAR, PERIOD_S, {"fitted": fitted})) == ("F_r_max",)
-    errors = {"F_f_max": 0.02 * CAR.F_f_max, "F_r_max": 0.9 * CAR.F_r_max, "C_r": None}
-    assert unreached_limits(replace(PLAIN, facts={"fitted": ["F_f_max", "F_r_max"], "se": errors})) == ("F_r_max",)
+    def fitted(**errors: float | None) -> NewtonEuler:
+        about = {symbol: {"relative_se": error, "low": 1.0} for symbol, error in errors.items()}
+        return NewtonEuler(CAR, PERIOD_S, {"fitted": about, "at_bound": ["F_f_max"]})
+
+    assert unreached_limits(fitted(F_r_max=None, F_f_max=0.02, C_r=None)) == ("F_r_max",)
+    assert unreached_limits(fitted(F_r_max=0.9, F_f_max=0.1)) == ()  # known badly, or at a bound, but not tested away
+    at_low = fitted(F_r_max=None)
+    assert unreached_limits(replace(at_low, car=CAR._replace(F_r_max=1.0))) == ()  # a floor without grip
     assert unreached_limits(PLAIN) == ()
     car = release_limits(PLAIN, ["F_r_max"]).car
     assert car.F_r_max == pytest.approx(9.81 * CAR.m)

@@ -13,6 +13,8 @@ import pytest
 from bcid.aliases import Floats
 from bcid.errors import InputRefused
 from bcid.recording.assemble import assemble_recording
+from bcid.recording.checks.limits import AGREEMENT as LIMITS
+from bcid.recording.checks.pose_verdict import _judge_yaw_gain
 from bcid.recording.cuts import read_named_recording
 from bcid.recording.formats.raw import RawTake
 from bcid.recording.read import read_raw_take
@@ -49,6 +51,35 @@ def test_a_yaw_of_another_gain_is_told_with_it(factor: float, gain: str, sample:
     assert verdict.action == "no-go"
     assert "times as far as the path" in verdict.detail
     assert f"map it with gain = {gain}," in verdict.detail
+
+
+def test_what_is_said_of_a_yaw_s_gain_undoes_it() -> None:
+    path = 0.1 * np.cumsum(np.random.default_rng(0).normal(size=400)) / 3.0
+    path += np.linspace(0.0, 0.3, 400)
+    for slope, gain in ((-1.6, "-0.625"), (-0.5, "-2"), (0.3, "3.33"), (0.5, "2")):
+        verdict = _judge_yaw_gain(slope * path, path)
+        assert verdict is not None
+        assert f"map it with gain = {gain}," in verdict
+    assert _judge_yaw_gain(1.1 * path, path) is None
+
+
+@pytest.mark.parametrize("seed", [10, 14, 17, 20])
+def test_a_wheel_that_is_steered_beyond_a_right_angle_does_not_make_a_good_yaw_wrong(seed: int) -> None:
+    """Its car slips by more than a radian, so that yaw and path need not turn alike: a line has a slope of 1.4 to 2."""
+    rng, step_s, wheelbase, speed = np.random.default_rng(seed), 0.02, 1.2, 1.5
+    noise = rng.normal(size=6000)
+    wanders = np.zeros(len(noise))
+    for k in range(1, len(noise)):
+        wanders[k] = (1.0 - 0.5 * step_s) * wanders[k - 1] + np.sqrt(step_s) * noise[k]
+    steering = np.clip(1.2 * wanders, -2.0, 2.0)
+    turn = speed * np.sin(steering) / wheelbase
+    yaw, v_x, v_y = np.cumsum(turn) * step_s, speed * np.cos(steering), 0.5 * wheelbase * turn
+    x = np.cumsum(v_x * np.cos(yaw) - v_y * np.sin(yaw)) * step_s
+    y = np.cumsum(v_x * np.sin(yaw) + v_y * np.cos(yaw)) * step_s
+    rows = slice(None, None, round(LIMITS.course_s / step_s))
+    path_turn = np.diff(np.unwrap(np.arctan2(np.diff(y[rows]), np.diff(x[rows]))))
+    yaw_turn = np.diff(0.5 * (yaw[rows][1:] + yaw[rows][:-1]))
+    assert _judge_yaw_gain(yaw_turn, path_turn) is None
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.5])
@@ -114,10 +145,12 @@ def test_a_placeholder_is_no_steering_command(value: float, sample: tuple[RawTak
     raw, vehicle = sample
     command = raw.command.copy()
     command[200:220, 0] = value
-    (told,) = irregularities(replace(raw, command=command), vehicle, "steering command")
+    command[300:305, 0] = 4.0  # asked for by a controller that winds up: full lock
+    told, locked = irregularities(replace(raw, command=command), vehicle, "steering command")
+    assert (locked.action, locked.count) == ("fixed", 5)
     assert (told.action, told.count) == ("excluded", 20)
     used = assemble_recording(replace(raw, command=command), vehicle).commands.values
-    assert np.abs(used[:, 0]).max() < 3.2
+    assert np.abs(used[:, 0]).max() == 4.0
 
 
 def test_a_steering_column_in_degrees_is_refused_as_a_whole(sample: tuple[RawTake, Vehicle]) -> None:
@@ -150,8 +183,8 @@ def test_a_measured_speed_in_another_unit_is_refused(
 
 def test_a_cut_counts_from_the_earliest_row_wherever_it_stands(tmp_path: Path) -> None:
     """Databases export the newest row first."""
-    time_s = np.arange(0.0, 60.0, 0.02)
-    x, turn = np.sin(0.3 * time_s), 0.4 * np.sin(0.5 * time_s)
+    time_s = 1.7e9 + np.arange(0.0, 60.0, 0.02)
+    x, turn = np.sin(0.3 * (time_s - 1.7e9)), 0.4 * np.sin(0.5 * (time_s - 1.7e9))
     rows = [f"{t:.3f},{a:.5f},{b:.5f},{c:.5f},0.1,0.5" for t, a, b, c in zip(time_s, x, 0.5 * x, turn, strict=True)]
     head = "t,x,y,yaw,steer,throttle"
     vehicle = tmp_path / "v.toml"
@@ -162,7 +195,12 @@ def test_a_cut_counts_from_the_earliest_row_wherever_it_stands(tmp_path: Path) -
         encoding="utf-8",
     )
     seen = list[Any]()
-    for name, order in (("oldest", rows), ("newest", rows[::-1]), ("odd", [rows[1500], *rows[:1500], *rows[1501:]])):
+    zero = ["0.000," + rows[700].split(",", 1)[1]]  # a clock that was not set yet
+    orders = {
+        "oldest": rows, "newest": rows[::-1], "odd": [rows[1500], *rows[:1500], *rows[1501:]],
+        "zero": [*rows[:2500], *zero, *rows[2500:]],
+    }  # fmt: skip
+    for name, order in orders.items():
         file = tmp_path / f"{name}.csv"
         file.write_text("\n".join([head, *order]) + "\n", encoding="utf-8")
         poses = read_named_recording(Path(f"{file}[10:30]"), read_vehicle(vehicle)).poses
@@ -171,6 +209,23 @@ def test_a_cut_counts_from_the_earliest_row_wherever_it_stands(tmp_path: Path) -
         np.testing.assert_allclose(other[0], seen[0][0], atol=1e-9)
         np.testing.assert_allclose(other[1], seen[0][1], atol=1e-9)
         assert other[2] == seen[0][2]
+
+
+def test_commands_that_are_sent_on_change_hold(tmp_path: Path) -> None:
+    """A stick that is moved for a second in every four, and sent while it is."""
+    (tmp_path / "small.toml").write_text(SMALL_CAR, encoding="utf-8")
+    vehicle, rows = read_vehicle(tmp_path / "small.toml"), drive_small_car(60.0)
+    lines, held = ["t,x,y,yaw,steer,throttle"], rows[0, 4]
+    for k, (t, x, y, yaw, steer, throttle) in enumerate(rows.tolist()):
+        lines.append(f"{t:.4f},{x},{y},{yaw},,")
+        if k % 2 == 0 and t % 4.0 < 1.0:
+            held = steer
+            lines.append(f"{t + 0.002:.4f},,,,{held},")
+        if k % 2 == 0:
+            lines.append(f"{t + 0.004:.4f},,,,,{throttle}")
+    (tmp_path / "t.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    raw = read_raw_take(tmp_path / "t.csv", vehicle)
+    assert np.isfinite(raw.command).all()
 
 
 def test_two_bodies_of_one_name_are_refused(tmp_path: Path) -> None:

@@ -28,9 +28,8 @@ from bcid.adaptation.filter_run import run_filter
 from bcid.adaptation.formulas import AdaptiveFormulas, trace_adaptive
 from bcid.adaptation.quantities import AdaptedQuantity, choose_quantities, with_quantities
 from bcid.adaptation.settings import FORGET_S
-from bcid.aliases import Floats
+from bcid.aliases import Bools, Floats
 from bcid.errors import InputRefused, UsageError
-from bcid.estimate.command_parts import braked_share
 from bcid.estimate.types import Estimate
 from bcid.likelihood.prepare import effect_constants
 from bcid.models.interface import Model
@@ -53,6 +52,8 @@ FIRST_PUSHES = (0.005, 0.05, 0.5)
 What lasts is sought from the same share of it in a second."""
 DEFAULT_POSE_SD = (1e-3, 1e-3, 2e-3)
 """Standard deviations (m, m, rad) of poses where no filter has identified them: those of an optical tracking system."""
+LEAST_BRAKE = 0.02
+"""Share of a brake of its own from which it acts: below it a pedal idles."""
 MAX_POSES_APART = 3.0
 """Periods of the tracking system over which a pose is taken from its neighbours."""
 
@@ -67,19 +68,26 @@ class MeasuredDrive(NamedTuple):
         """The rows of each stretch without gaps, of more than one row."""
         return [s for s in self.estimate.segments() if s.stop - s.start > 1]
 
+    def without_braking(self) -> MeasuredDrive:
+        """The drive with gaps where a brake of its own acts, of which the filter is not told."""
+        brake = (self.estimate.parts[..., 3] * (self.estimate.parts[..., 0] > 0.0)).max(axis=1, initial=0.0)
+        return self._only_where(np.append(brake, 0.0)[: len(self.estimate)] < LEAST_BRAKE)
+
+    def _only_where(self, wanted: Bools) -> MeasuredDrive:
+        """The drive with gaps between stretches where rows (K,) are not `wanted`."""
+        # each of the others is a segment by itself, too short for a stretch
+        begins = (np.diff(self.estimate.segment) != 0) | ~wanted[1:] | ~wanted[:-1]
+        return self._replace(estimate=replace(self.estimate, segment=np.r_[0, np.cumsum(begins)]))
+
     def first_motion(self, least_mps: float, seconds: float) -> MeasuredDrive:
         """The drive from where the car first moves until it has moved for some `seconds`, as far as it goes.
 
         The car moves where it is faster than `least_mps`.  The time in which it stands is a gap between stretches.
         """
-        estimate = self.estimate
-        moves = np.abs(estimate.kinematic[:, 0]) > least_mps
-        # a row at which the car stands is a segment by itself, too short for a stretch
-        begins = (np.diff(estimate.segment) != 0) | ~moves[1:] | ~moves[:-1]
-        apart = replace(estimate, segment=np.r_[0, np.cumsum(begins)])
-        at = np.flatnonzero(moves)[: max(2, round(seconds / estimate.period_s))]
+        moves = np.abs(self.estimate.kinematic[:, 0]) > least_mps
+        at = np.flatnonzero(moves)[: max(2, round(seconds / self.estimate.period_s))]
         rows = slice(at[0], at[-1] + 1) if len(at) else slice(0)
-        return MeasuredDrive(apart.select_rows(rows), self.poses[rows])
+        return MeasuredDrive(self._only_where(moves).estimate.select_rows(rows), self.poses[rows])
 
 
 class Track(NamedTuple):
@@ -154,14 +162,12 @@ def adapt(
     """
     if not 0.0 < forget_s < math.inf:
         raise UsageError(f"nothing is forgotten in {forget_s:g} s\n  next: give a time (s), such as {FORGET_S:g}")
-    if braked_share(estimate.parts) > 0.0:
-        cause = "have a brake of its own, of which the filter is not told: the car would seem to be another"
-        raise InputRefused(recording.name, "commands", cause, "adapt to a part without braking, such as NAME[0:20]")
     switched, quantities = choose_quantities(model, names)
     formulas = trace_adaptive(switched, quantities)
-    drive = MeasuredDrive(estimate, poses_at_rows(recording, estimate))
+    drive = MeasuredDrive(estimate, poses_at_rows(recording, estimate)).without_braking()
     if not drive.stretches():
-        raise InputRefused(recording.name, "poses", "have no stretch without gaps", "record longer ones")
+        cause = "have no stretch without gaps, and without a brake of its own"
+        raise InputRefused(recording.name, "poses", cause, "record longer ones")
     compiled = compile_filter(formulas)
     if noise is None:
         motion = drive.first_motion(compiled.least_mps, TUNING_S)

@@ -60,9 +60,9 @@ int main(void)
 
 
 def write_adapt_test(name: str, adaptation: Adaptation) -> str:
-    """The text of NAME_adapt_test.c: the first stretch in which the car moves, as far as `PERIODS` go.
+    """The text of NAME_adapt_test.c: the longest stretch of the recording's first motion, as far as `PERIODS` go.
 
-    Of a car that never moves it is the first stretch of all.
+    Of a car that never moves it is the longest of all.
     """
     moving = adaptation.drive.first_motion(adaptation.filter.least_mps, PERIODS * adaptation.formulas.period_s)
     drive = moving if moving.stretches() else adaptation.drive

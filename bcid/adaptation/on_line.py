@@ -25,6 +25,7 @@ class AdaptedCar:
     """A car of which k constants were followed over a recording, and can be followed further."""
 
     adaptation: Adaptation
+    released: tuple[str, ...] = ()  # limits of forces that the model's drives did not reach, m g in the adapted car
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from bcid.errors import UsageError
 from bcid.models.interface import Model
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.model import NewtonEuler
-from bcid.models.newton_euler.parameters import GRAVITY, SATURATIONS, stated_errors
+from bcid.models.newton_euler.parameters import GRAVITY, SATURATIONS
 
 GROUPS = {
     "mass": ("m", "I_z"),
@@ -33,6 +33,8 @@ FACTOR_BOUNDS = (0.25, 4.0)
 """Least and largest factor on a constant of the car: as far as a car with a load stays the same car."""
 EFFECT_SD_SIZES = 3.0
 """Standard deviation of an effect's parameter, in sizes at which ten minutes just show it."""
+LEAST_ABOVE_LOW = 1.2
+"""Times the lower end of its range from which on a fitted limit is not at that end."""
 SMALLEST_SIZE = 1e-9
 """In sizes of an effect, what stands for none where it is adapted: at zero its law is not a part of the formulas."""
 ONE_SIDED_START, ONE_SIDED_LOW = 1.0, 1e-3
@@ -64,13 +66,16 @@ class AdaptedQuantity(NamedTuple):
 
 
 def unreached_limits(model: Model) -> tuple[str, ...]:
-    """Limits of forces that were fitted, but that no drive reached, so that the fit states no error of theirs."""
-    if not isinstance(model, NewtonEuler | AugmentedNewtonEuler):
+    """Limits of forces that a fit of a newton-euler model tested, and found that none at all would do as well.
+
+    Such a fit states no error of theirs.  One at the lower end of its range is no such limit: it was reached at once.
+    A diagnosis makes no such test.
+    """
+    if not isinstance(model, NewtonEuler):
         return ()
-    # a diagnosis lists the names of what it fitted, with their errors beside
-    facts = {"se": model.facts.get("se", {})} if isinstance(model, AugmentedNewtonEuler) else model.facts
-    errors = stated_errors(model.car, facts)
-    return tuple(limit for limit in SATURATIONS if limit in errors and errors[limit] is None)
+    fitted, car = model.facts.get("fitted", {}), model.car._asdict()
+    tested = [limit for limit in SATURATIONS if limit in fitted and fitted[limit]["relative_se"] is None]
+    return tuple(limit for limit in tested if car[limit] > LEAST_ABOVE_LOW * fitted[limit]["low"])
 
 
 def release_limits(model: AugmentedNewtonEuler, limits: Sequence[str]) -> AugmentedNewtonEuler:
@@ -160,5 +165,6 @@ def _parameter_called(name: str, effects: Mapping[str, float]) -> tuple[str, Ada
     p, field = sizes[symbol], f"{effect_id}__{symbol}"
     low, start = p.low, effects.get(field) or p.off + SMALLEST_SIZE * p.size
     if p.low == p.off:
-        low, start = p.off + ONE_SIDED_LOW * p.size, effects.get(field) or p.off + ONE_SIDED_START * p.size
+        low = p.off + ONE_SIDED_LOW * p.size
+        start = max(low, effects.get(field) or p.off + ONE_SIDED_START * p.size)
     return field, AdaptedQuantity(name, (field,), False, start, EFFECT_SD_SIZES * p.size, low, p.high, p.unit)

@@ -78,7 +78,7 @@ def pool(
     with sink.stage(f"fit {len(paths)} recordings") as progress:
         made = fit_recordings(work, paths, workers, progress)
     lost = [f"{p.stage}: {p.text}" for each in made.values() for p in each.problems]
-    _refuse_to_pool(made, compared)
+    _refuse_lost_fits(made, compared)
     fitted = {path: each.result for path, each in made.items() if each.result is not None}
     with sink.stage("pool"):
         pooled = pool_car([each.summary for each in fitted.values()], differing)
@@ -124,7 +124,7 @@ def _write_results(
     renew_results(config.workspace, writers, force)
 
 
-def _refuse_to_pool(made: Mapping[Path, Attempt[FittedRecording]], compared: Sequence[Path]) -> None:
+def _refuse_lost_fits(made: Mapping[Path, Attempt[FittedRecording]], compared: Sequence[Path]) -> None:
     """Raise `InputRefused` where one of those `compared` with could not be fitted, or fewer than two of several are."""
     failed = {path: each.problems[0] for path, each in made.items() if each.problems}
     for path in (*(path for path in compared if path in failed), *failed):

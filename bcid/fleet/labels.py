@@ -41,7 +41,10 @@ class FleetLabels(NamedTuple):
             text = "days " + ", ".join(f"{day} ({counts[day]})" for day in self.days)
         cars = {label.car for label in self.of_logs}
         text += f"; {len(cars)} cars" if cars != {""} else ""
-        return text + (f"; dates do not count, as {', '.join(self.undated)} has none" if self.undated else "")
+        if not self.undated:
+            return text
+        more = f" ({len(self.undated)} such logs)" if len(self.undated) > 1 else ""
+        return f"{text}; dates do not count, as {self.undated[0]} has none{more}"
 
 
 def label_logs(logs: Sequence[Path], names: Sequence[str], table: Path | None = None) -> FleetLabels:

@@ -30,6 +30,8 @@ from scipy.optimize import minimize
 
 from bcid.aliases import Floats
 
+LEAST_INFORMATION = 1e-2
+"""Least information on ln tau: that of a standard deviation of 10, a spread of which nothing is known."""
 LOG_STEP = 0.05
 """Step of ln tau over which differences are taken for derivatives."""
 RIDGE = 1e-9
@@ -127,14 +129,22 @@ def _add_unknown_spread(
         [pool_at(summaries, directions, pooled.spread * np.exp(sign * step)) for sign in (1.0, -1.0)] for step in steps
     ]
     curvature = np.array([(high.slope - low.slope) / (2.0 * LOG_STEP) for high, low in around])
-    # of a direction of which the recordings say nothing, or less by rounding, the prior alone says something
-    information, vectors = np.linalg.eigh(-0.5 * (curvature + curvature.T))
-    unknown = np.linalg.cholesky(np.linalg.inv(precision + (vectors * np.maximum(information, 0.0)) @ vectors.T))
+    unknown = np.linalg.cholesky(np.linalg.inv(_keep_positive(precision - 0.5 * (curvature + curvature.T))))
     shared, own = (
         np.stack([(getattr(high, name) - getattr(low, name)) / (2.0 * LOG_STEP) for high, low in around], axis=-1)
         for name in ("shared", "own")
     )
     return pooled._replace(shared_by_spread=shared @ unknown, own_by_spread=own @ unknown)
+
+
+def _keep_positive(information: Floats) -> Floats:
+    """An information matrix (k, k) whose eigenvalues are `LEAST_INFORMATION` at least.
+
+    Where the prior holds tau below its likeliest value the recordings' own part is negative, which the sum may only be
+    by rounding.
+    """
+    values, vectors = np.linalg.eigh(information)
+    return np.asarray((vectors * np.maximum(values, LEAST_INFORMATION)) @ vectors.T)
 
 
 def pool_at(summaries: Sequence[Summary], directions: Floats, spread: Floats) -> Pooled:

@@ -36,16 +36,16 @@ def _clean_streams(raw: RawTake) -> tuple[Samples, Samples, dict[str, Samples]]:
         with problems.gather_refusals():
             clean[name] = samples.clean_samples(time_s, values, name, source)
     problems.raise_if_any(first)
-    return lost.drop_lost_poses(clean.pop("pose")), _drop_placeholders(clean.pop("command"), last), clean
+    return lost.drop_lost_poses(clean.pop("pose")), _drop_placeholders(clean.pop("command")), clean
 
 
-def _drop_placeholders(commands: Samples, source: str) -> Samples:
-    """The commands without single steering angles that nobody asks for, such as -9999, which stands for none."""
-    beyond = np.abs(commands.values[:, 0]) > MOTION.max_asked_steering_rad
+def _drop_placeholders(commands: Samples) -> Samples:
+    """The commands without steering angles that nothing computes, such as -9999, which stands for none."""
+    beyond = np.abs(commands.values[:, 0]) > MOTION.least_placeholder
     if beyond.mean() > MOTION.max_placeholder_share:  # the whole column is in another unit, which is refused
         return commands
     largest = float(np.abs(commands.values[:, 0]).max())
-    text = f"steering beyond {MOTION.max_asked_steering_rad:g} rad, up to {largest:.4g}, which stands for none"
+    text = f"steering beyond {MOTION.least_placeholder:g} rad, up to {largest:.4g}, which stands for none"
     return commands.without(beyond, "steering command", "excluded", text)
 
 

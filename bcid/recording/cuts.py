@@ -18,7 +18,7 @@ from bcid.aliases import Bools, Floats
 from bcid.errors import InputRefused
 from bcid.recording.assemble import assemble_recording
 from bcid.recording.formats.detect import find_commands_file
-from bcid.recording.formats.raw import RawTake, TimeCut
+from bcid.recording.formats.raw import RawTake, TimeCut, earliest_s
 from bcid.recording.read import read_raw_take
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
@@ -100,7 +100,7 @@ def cut_raw_take(raw: RawTake, cut: TimeCut) -> RawTake:
     """
     known = raw.pose_time_s[np.isfinite(raw.pose_time_s)]
     # rows of a table may stand in any order
-    zero = (float(known.min()) if len(known) else 0.0) if raw.first_pose_s is None else raw.first_pose_s
+    zero = earliest_s(known) if raw.first_pose_s is None else raw.first_pose_s
     begin, end = zero + cut.begin_s, zero + cut.end_s
     poses = (raw.pose_time_s >= begin) & (raw.pose_time_s <= end)
     if not poses.any():

@@ -225,6 +225,8 @@ class MotionLimits:
     min_degrees: float = 1.6
     # no planner asks a car to steer by half a turn, whatever its stop; in degrees a drive soon does (row 25)
     max_asked_steering_rad: float = 3.2
+    # steering command (rad) from which it stands for none: five turns of a wheel, which no controller asks for
+    least_placeholder: float = 30.0
     # share of commands that may be placeholders for none: as many as the unit of the others is judged without
     max_placeholder_share: float = 0.05
     # rounding of a command in single precision, whose digits are 1.2e-7 apart (row 74: full lock)
@@ -259,9 +261,6 @@ class MotionLimits:
     min_channel_correlation: float = 0.7
     # factor, or its inverse, by which a channel in another unit differs (rows 25, 26)
     max_channel_factor: float = 3.0
-    # factor, or its inverse, by which a measured wheel speed that is the throttle differs in another unit: spinning
-    # wheels are some tenths faster than the car, ft/s and mph 2.2 and 3.3 times
-    max_measured_speed_factor: float = 1.5
     # fewest rows of a channel that are compared; not yet justified
     min_channel_rows: int = 200
     # largest delay of a channel that is tried; not yet justified

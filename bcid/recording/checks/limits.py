@@ -122,8 +122,11 @@ class AgreementLimits:
     # turn of the path, to and fro, over which both are compared: slip and mounting move the one against the other by
     # some tenths, so that over two full circles the factor is known to a tenth
     least_compared_turn_rad: float = 12.6
-    # share of the yaw's turns that a factor leaves, from which yaw and path have nothing in common
-    unlike_turns: float = 0.1
+    # share of the variance of the yaw's turns that a factor leaves, from which both do not lie on a line: cars steered
+    # to 0.5 rad leave 0.0075 at most, cars steered to 2 rad whose factor is misjudged 0.021 and more
+    unlike_turns: float = 0.015
+    # factor within which a yaw's gain is a known one
+    known_yaw_gain: float = 1.2
     # turn of the course within `course_s` that is a car's going back
     turns_round_rad: float = 1.5
     # yaw by which a body is turned from the way that its car goes, so that no command can be judged: an eighth turn

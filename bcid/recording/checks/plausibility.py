@@ -258,22 +258,23 @@ def _check_brake(recording: Recording) -> None:
 
 
 def _check_measured_throttle(recording: Recording, vehicle: Vehicle) -> None:
-    """Raise `InputRefused` where the throttle is a measured wheel speed in another unit than m/s."""
+    """Raise `InputRefused` where the throttle is a measured wheel speed in another unit than m/s.
+
+    A wheel that spins is faster than the car, too, but not for half of a drive as much as by another unit.
+    """
     if vehicle.motor.law != "measured-speed":
         return
-    motion = differentiate_poses(recording, vehicle)
-    use = motion.good & (np.abs(motion.v_f) > LIMITS.min_speed_share * np.quantile(np.abs(motion.v_f), 0.95))
+    motion, factor = differentiate_poses(recording, vehicle), LIMITS.max_channel_factor
+    use = motion.good & (motion.v_f > LIMITS.min_speed_share * np.quantile(motion.v_f, 0.95))
     if use.sum() < LIMITS.min_channel_rows:
         return
-    driven, told = np.abs(motion.v_f), np.abs(recording.commands.held_at(motion.time_s)[:, 1])
-    times = float(np.median(told[use]) / np.median(driven[use]))
-    follows = _strongest_lagged_correlation(
-        driven, told, motion.good, round(LIMITS.max_channel_delay_s / motion.step_s)
-    ) > LIMITS.min_channel_correlation  # fmt: skip
-    factor = LIMITS.max_measured_speed_factor
+    told = np.abs(recording.commands.held_at(motion.time_s)[:, 1])
+    times = float(np.median(told[use]) / np.median(motion.v_f[use]))
+    max_lag = round(LIMITS.max_channel_delay_s / motion.step_s)
+    follows = _strongest_lagged_correlation(motion.v_f, told, motion.good, max_lag) > LIMITS.min_channel_correlation
     if follows and not 1.0 / factor < times < factor:
         cause = f"is {times:.3g} times the speed of the car: km/h, cm/s, or turns of the wheel?"
-        step = f"log the wheel's speed in m/s, or map it with gain = {1.0 / times:.3g} if that is its unit"
+        step = f"log the wheel's speed in m/s, or map it with the gain of its unit, about {1.0 / times:.3g}"
         raise InputRefused(command_source_path(recording.sources), "throttle_mps", cause, step)
 
 

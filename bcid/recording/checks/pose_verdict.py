@@ -9,7 +9,7 @@ from bcid.recording.checks.pose_noise import white_noise_sd
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
-YAW_GAINS = {0.5: "half of it", 1.0 / (2.0 * np.pi): "turns", 2.0: "twice of it", 1.0: "another unit"}
+YAW_GAINS = {0.5: "half of it", 1.0 / (2.0 * np.pi): "turns", 2.0: "twice of it"}
 """What a yaw may be that turns by such a factor of the path."""
 
 
@@ -57,8 +57,9 @@ def judge_poses(recording: Recording, vehicle: Vehicle) -> str | None:
 def _judge_yaw_gain(yaw_turn: Floats, path_turn: Floats) -> str | None:
     """The verdict on a yaw that turns by another factor than the path; both (N,) in rad, from row to row.
 
-    Over a whole drive both turn alike, however the body is mounted and the tyres slip: what is summed up along the path
-    lies on a line of slope 1.  Where the course turns round at once the car goes back, and nothing is compared.
+    Over a whole drive both turn alike, however the body is mounted: what is summed up along the path lies on a line of
+    slope 1, but for how the car slips and is steered.  Where the course turns round at once the car goes back, and
+    nothing is compared.  Nothing is judged of a wheel that is steered so far that they do not lie on a line.
     """
     use = np.abs(path_turn) < LIMITS.turns_round_rad
     turned, path = np.cumsum(yaw_turn[use]), np.cumsum(path_turn[use])
@@ -68,7 +69,7 @@ def _judge_yaw_gain(yaw_turn: Floats, path_turn: Floats) -> str | None:
     left = float(np.var(turned - slope * path) / max(float(np.var(turned)), 1e-12))
     if 1.0 / LIMITS.yaw_gain < slope < LIMITS.yaw_gain or left > LIMITS.unlike_turns:
         return None
-    meant = min(YAW_GAINS, key=lambda gain: abs(np.log(gain / abs(slope))))
-    known = abs(np.log(meant / abs(slope))) < np.log(LIMITS.yaw_gain)
-    how = f"map it with gain = {1.0 / (meant if known else slope):.3g}, or log it in rad"
-    return f"the yaw turns {slope:.3g} times as far as the path: {YAW_GAINS[meant]}? {how}"
+    gain, what = min(YAW_GAINS.items(), key=lambda known: abs(np.log(known[0] / abs(slope))))
+    known = abs(np.log(gain / abs(slope))) < np.log(LIMITS.known_yaw_gain)
+    how = f"map it with gain = {np.sign(slope) / gain if known else 1.0 / slope:.3g}, or log it in rad"
+    return f"the yaw turns {slope:.3g} times as far as the path: {what if known else 'another unit'}? {how}"

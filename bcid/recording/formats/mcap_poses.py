@@ -205,7 +205,7 @@ def _read_tree(contents: McapContents, vehicle: Vehicle, topics: Topics) -> Mess
         cause = f"its messages hold several bodies: {error}"
         raise InputRefused(contents.path, place, cause, NAME_BODY) from None
     table = NumberTable(7)
-    timed = tf.busiest_edge(edges)
+    timed = tf.moving_edge(edges)
     table.log_ns, table.stamps = timed.log_ns, timed.stamps
     rows = tf.compose_transforms(edges, timed.log_ns)
     values, odd = poses_on_floor(rows, vehicle.mocap, table.logged_s, contents.path)

@@ -15,6 +15,17 @@ from bcid.recording.formats.detect import check_nonempty_file
 from bcid.recording.formats.names import printable_name
 from bcid.recording.types import Irregularity, SourceFile
 
+LONGEST_TAKE_S = 86_400.0
+"""Time (s) from a take's usual stamps beyond which a stamp is none of it, such as a zero amid seconds since 1970."""
+
+
+def earliest_s(time_s: Floats) -> float:
+    """The earliest of the times (N,) in s of a take's rows, which may stand in any order; 0 of none at all."""
+    if not len(time_s):
+        return 0.0
+    usual = time_s[np.abs(time_s - np.median(time_s)) <= LONGEST_TAKE_S]
+    return float((usual if len(usual) else time_s).min())
+
 
 @dataclass(frozen=True)
 class RawTake:

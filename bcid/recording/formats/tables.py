@@ -14,7 +14,7 @@ from bcid.recording.formats.detect import COMMANDS_ENDING
 from bcid.recording.formats.floor import mapped_poses_on_floor
 from bcid.recording.formats.held_commands import held_too_long
 from bcid.recording.formats.logged_table import read_logged_table
-from bcid.recording.formats.raw import RawTake, identify_file, map_field, raw_field_names
+from bcid.recording.formats.raw import RawTake, earliest_s, identify_file, map_field, raw_field_names
 from bcid.recording.formats.stamps import Stamps
 from bcid.vehicle import Vehicle
 
@@ -103,8 +103,7 @@ def _read_rows(path: Path, columns: Columns, vehicle: Vehicle) -> tuple[RawTake,
         numbers, odd_numbers = table.numbers(names)
         table.check_units(columns, columns.time_s, vehicle.mocap.metres_per_unit)
     problems.raise_if_any(path)
-    finite = stamps.seconds[np.isfinite(stamps.seconds)]
-    first_s = float(finite.min()) if len(finite) else 0.0
+    first_s = earliest_s(stamps.seconds[np.isfinite(stamps.seconds)])
     time_s = stamps.seconds - first_s
     in_si = np.column_stack([map_field(field, numbers.__getitem__) for field in fields])
     n, m = len(columns.fields), len(columns.fields) + len(columns.command_fields)

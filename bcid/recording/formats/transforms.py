@@ -130,9 +130,10 @@ def find_rare_frames(tree: TransformTree, own: FrameTransforms) -> list[Irregula
     return [Irregularity("rare frames", "warning", sum(rare.values()), "transforms", text)]
 
 
-def busiest_edge(edges: list[FrameTransforms]) -> FrameTransforms:
-    """The edge of which most transforms were sent: what moves, where the body itself is fixed to a tracked frame."""
-    return max(edges, key=lambda edge: len(edge.log_ns))
+def moving_edge(edges: list[FrameTransforms]) -> FrameTransforms:
+    """The first edge from the body up that is not static: a body may be fixed to a tracked frame."""
+    # static transforms have a log time of 0
+    return next((edge for edge in edges if any(edge.log_ns)), edges[0])
 
 
 def compose_transforms(edges: list[FrameTransforms], log_ns: list[int]) -> Floats:
