@@ -122,7 +122,7 @@ def pool(summaries: Sequence[Summary], directions: Floats, prior: SpreadPrior) -
 def _add_unknown_spread(
     pooled: Pooled, summaries: Sequence[Summary], directions: Floats, precision: Floats
 ) -> Pooled:  # fmt: skip
-    """The same with what is not known of ln tau, whose prior has the `precision`: by differences around `pooled`."""
+    """What is `pooled`, with what is not known of ln tau, whose prior has the `precision`, by differences around it."""
     k = len(precision)
     steps = LOG_STEP * np.eye(k)
     around = [
