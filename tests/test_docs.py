@@ -325,6 +325,17 @@ def test_the_docs_tell_how_many_edits_of_each_drive_are_found() -> None:
         assert f"{sum(right)} of {len(right)} on {drive}" in page
 
 
+def test_the_docs_of_fleets_tell_what_a_cluster_made() -> None:
+    found = json.loads((DOCS / "results" / "fleet_cluster.json").read_text(encoding="utf-8"))
+    page = (DOCS / "fleet.md").read_text(encoding="utf-8")
+    assert found["differ"] == []
+    assert found["cluster"]["killed"] == 1.0
+    assert found["done"] == found["logs"]
+    assert f"{found['logs']} logs of a minute, taken through everything" in page
+    assert f"gave the same {found['files']} files" in page
+    assert f"which {found['differ_by_the_command']} of them tell" in page
+
+
 def test_the_readme_is_a_door() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= README_WORDS
 
