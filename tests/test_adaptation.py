@@ -385,13 +385,15 @@ def test_what_lasts_of_what_a_model_lacks_widens_its_errors() -> None:
 
 
 def test_limits_that_no_drive_reached_are_released() -> None:
-    def fitted(**errors: float | None) -> NewtonEuler:
+    def model_stating(**errors: float | None) -> NewtonEuler:
         about = {symbol: {"relative_se": error, "low": 1.0} for symbol, error in errors.items()}
         return NewtonEuler(CAR, PERIOD_S, {"fitted": about, "at_bound": ["F_f_max"]})
 
-    assert unreached_limits(fitted(F_r_max=None, F_f_max=0.02, C_r=None)) == ("F_r_max",)
-    assert unreached_limits(fitted(F_r_max=0.9, F_f_max=0.1)) == ()  # known badly, or at a bound, but not tested away
-    at_low = fitted(F_r_max=None)
+    assert unreached_limits(model_stating(F_r_max=None, F_f_max=0.02, C_r=None)) == ("F_r_max",)
+    assert (
+        unreached_limits(model_stating(F_r_max=0.9, F_f_max=0.1)) == ()
+    )  # known badly, or at a bound, but not tested away
+    at_low = model_stating(F_r_max=None)
     assert unreached_limits(replace(at_low, car=CAR._replace(F_r_max=1.0))) == ()  # a floor without grip
     assert unreached_limits(PLAIN) == ()
     car = release_limits(PLAIN, ["F_r_max"]).car

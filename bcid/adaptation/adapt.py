@@ -158,7 +158,7 @@ def adapt(
     Raises:
         UsageError: a name is no quantity of this car, or `forget_s` is no time.
         InputRefused: the recording has no stretch that is long enough, or, without `noise`, none in which the car
-            moves; it has a brake of its own; or the filter leaves the finite numbers.
+            moves; a brake of its own acts in all of it; or the filter leaves the finite numbers.
     """
     if not 0.0 < forget_s < math.inf:
         raise UsageError(f"nothing is forgotten in {forget_s:g} s\n  next: give a time (s), such as {FORGET_S:g}")

@@ -205,6 +205,12 @@ def check_streams_overlap(pose_s: Floats, command_s: Floats, source: str, format
         raise InputRefused(source, "time", cause, step)
 
 
+def is_regular(time_s: Floats) -> bool:
+    """Whether most samples at times (M,) in s, of two at least, come within a usual step of the one before."""
+    steps = np.diff(time_s)
+    return bool((steps <= STREAM.gap_steps * float(np.median(steps))).mean() > STREAM.min_regular_share)
+
+
 def longest_command_step(command_s: Floats, hold_s: float) -> float:
     """Longest time (s) between two commands (M,) at which no command in between is taken as lost.
 
@@ -213,9 +219,8 @@ def longest_command_step(command_s: Floats, hold_s: float) -> float:
     """
     if len(command_s) < 2:
         return hold_s
-    steps = np.diff(command_s)
-    limit = STREAM.gap_steps * float(np.median(steps))
-    return min(limit, hold_s) if (steps <= limit).mean() > STREAM.min_regular_share else hold_s
+    limit = STREAM.gap_steps * float(np.median(np.diff(command_s)))
+    return min(limit, hold_s) if is_regular(command_s) else hold_s
 
 
 def find_gaps(time_s: Floats, longest_s: float, stream_name: str) -> list[Irregularity]:

@@ -5,19 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from bcid.aliases import Bools, Floats
-from bcid.recording.limits import STREAM
+from bcid.recording.checks.samples import is_regular
 
 MOST_SILENCES = 2
 """Silences of a stream that is sent at a rate: as of a node that is away once or twice.  What falls silent more often
 is sent only as its value changes."""
-
-
-def is_sent_at_a_rate(time_s: Floats, hold_s: float) -> bool:
-    """Whether samples at times (M,) in s come at a regular rate, silent for more than `hold_s` twice at most."""
-    steps = np.diff(time_s)
-    if not len(steps) or (steps > hold_s).sum() > MOST_SILENCES:
-        return False
-    return bool((steps <= STREAM.gap_steps * float(np.median(steps))).mean() > STREAM.min_regular_share)
 
 
 def held_too_long(sample_s: Floats, at_s: Floats, hold_s: float) -> Bools:
@@ -25,7 +17,8 @@ def held_too_long(sample_s: Floats, at_s: Floats, hold_s: float) -> Bools:
 
     None do of a stream that is sent only as its value changes: that value holds.
     """
-    if not is_sent_at_a_rate(sample_s, hold_s):
+    silences = int((np.diff(sample_s) > hold_s).sum())
+    if len(sample_s) < 2 or silences > MOST_SILENCES or not is_regular(sample_s):
         return np.zeros(len(at_s), dtype=np.bool_)
     last = sample_s[np.maximum(np.searchsorted(sample_s, at_s, side="right") - 1, 0)]
     return np.asarray(at_s - last > hold_s)
