@@ -8,6 +8,7 @@ from bcid.errors import InputRefused, Problems
 from bcid.recording.checks import attitude, clock, contacts, lost, mounting, plausibility, samples, tracking, verdict
 from bcid.recording.checks.heading import drop_turned_poses, face_forward
 from bcid.recording.checks.held import drop_frozen_poses, drop_held_poses
+from bcid.recording.checks.interpolated import drop_interpolated_poses
 from bcid.recording.checks.samples import Samples
 from bcid.recording.formats.raw import RawTake
 from bcid.recording.limits import MOTION
@@ -104,10 +105,12 @@ def assemble_recording(raw: RawTake, vehicle: Vehicle) -> Recording:
         with problems.gather_refusals():
             samples.check_streams_overlap(poses.time_s, commands.time_s + offset, source, raw.sources[0].format)
         count = len(poses.time_s)
-        poses = drop_held_poses(poses)
+        poses = drop_interpolated_poses(drop_held_poses(poses))
         rate = raw.rate_hz or 1.0 / float(np.median(np.diff(poses.time_s)))
         if len(poses.time_s) < count:
             rate = _mean_rate(poses.time_s)
+            with problems.gather_refusals():
+                samples.check_pose_times(poses.time_s, source)
         with problems.gather_refusals():
             poses, breaks = mend_poses(poses, commands, vehicle, source)
             if any(i.kind == "body axes" for i in raw.irregularities):

@@ -168,6 +168,37 @@ class PoseLimits:
 
 
 @dataclass(frozen=True)
+class InterpolationLimits:
+    """Limits between a path that was measured and straight lines that were put between its poses."""
+
+    # steps of the digits by which rounding bends a straight line: a sum of three rows, each half a step off
+    rounding_steps: float = 2.0
+    # fewest bends beyond rounding of which anything is said
+    min_bends: int = 50
+    # high quantile of these, a usual bend of measured rows
+    usual_quantile: float = 0.9
+    # usual bends up to which a row does not bend: noise is as straight in two directions once in half a million rows
+    max_straight_share: float = 1e-3
+    # what rounding does that a usual bend has to pass, or digits hide what is straight (test_interpolated)
+    min_bend_by_rounding: float = 30.0
+    # such bends that a step has to pass, or the body is at rest (test_interpolated)
+    min_step_by_bend: float = 30.0
+    # share of different bends below which they are multiples of a digit (test_interpolated: ticks of an encoder)
+    max_coarse_share: float = 0.2
+    # low quantile of these, which is about a digit
+    digit_quantile: float = 0.01
+    # share of straight rows from which a table was filled throughout: between every second one is half of them, and
+    # a third where a measured pose falls between two rows
+    min_straight_share: float = 0.3
+    # share of the corners that come at one rate; others are at what was left out (test_interpolated)
+    min_regular_share: float = 0.8
+    # straight rows in turn that fill a gap: in noise, never by chance
+    min_filled_rows: int = 5
+    # third differences by second ones: 1.83 in white noise, 1.41 where the acceleration is noise
+    min_noise_ratio: float = 1.6
+
+
+@dataclass(frozen=True)
 class HeadingLimits:
     """Limits between a car that turns and a yaw that jumps."""
 
@@ -328,6 +359,7 @@ class HealthLimits:
 STREAM = StreamLimits()
 LOST = LostLimits()
 POSE = PoseLimits()
+INTERPOLATION = InterpolationLimits()
 HEADING = HeadingLimits()
 MOTION = MotionLimits()
 HEALTH = HealthLimits()

@@ -1,8 +1,9 @@
 """Checks of streams and recordings.
 
 Streams: `samples` (order, times, gaps), `lost` (placeholders of poses), `attitude` (rotations, heights), `held`
-(repeated poses), `tracking` (jumps, ghosts, other bodies), `yaw_jumps` and `heading` (the yaw's jumps, changes of the
-mounting), `pose_noise` (how finely poses are known), over `rowwise` (reductions along rows).
+(repeated poses), `interpolated` (straight lines between poses), `tracking` (jumps, ghosts, other bodies), `yaw_jumps`
+and `heading` (the yaw's jumps, changes of the mounting), `pose_noise` (how finely poses are known), over `rowwise`
+(reductions along rows).
 Recordings: `known` (where poses and commands are), `raw_motion` (speeds from poses), `plausibility` (units and signs),
 `clock` (offset of two clocks, by the whole take and by its `block_delays`), `clock_fault` (one jumps, `clock_jump`, or
 drifts, `clock_drift`), `command_age` (of commands that a recorder reads at its own rate), `mounting` (yaw of the

@@ -8,7 +8,7 @@ import numpy as np
 
 from bcid.aliases import Bools, Floats
 from bcid.errors import InputRefused
-from bcid.recording.checks.rowwise import in_all_columns, lengths_of_rows, total_variance
+from bcid.recording.checks.rowwise import find_runs, in_all_columns, lengths_of_rows, total_variance
 from bcid.recording.checks.samples import note_rows
 from bcid.recording.limits import POSE, STREAM
 from bcid.recording.types import Irregularity
@@ -255,9 +255,8 @@ def _keep_steep_excursions(up: Bools, floor: Floats, off: Floats) -> Bools:
     A run is kept if, at either end, the height above the plane `off` (N,) changes by more than `POSE.max_climb` of the
     way driven there on the floor (N, 2), in m.
     """
-    edges = np.flatnonzero(np.diff(np.r_[False, up, False].astype(int))).reshape(-1, 2)
     steep = np.zeros(len(up), dtype=bool)
-    for a, b in edges:
+    for a, b in find_runs(up):
         for edge in (a, b):
             i, j = max(0, edge - EDGE_SAMPLES), min(len(up) - 1, edge + EDGE_SAMPLES)
             part = slice(i, j + 1)

@@ -12,6 +12,7 @@ import numpy as np
 from bcid.aliases import Bools, Floats, Ints
 from bcid.errors import InputRefused
 from bcid.recording.checks.pose_noise import wrap_angles
+from bcid.recording.checks.rowwise import find_runs
 from bcid.recording.checks.samples import Samples, note_rows, throttle_at
 from bcid.recording.checks.yaw_jumps import YawJumps, find_yaw_jumps, label_levels
 from bcid.recording.limits import HEADING as LIMITS
@@ -178,9 +179,8 @@ def _explain(excursion: Excursion, time_s: Floats) -> str:
 def _find_excursions(poses: Samples, levels: Ints, kept: int, jumps: YawJumps) -> list[Excursion]:
     """The runs of rows whose level (N,) is not the `kept` one, each with the kind of what happened to the yaw there."""
     time_s, yaw = poses.time_s, poses.values[:, 2]
-    edges = np.flatnonzero(np.diff(np.r_[False, levels != kept, False].astype(int))).reshape(-1, 2)
     found = []
-    for first, end in edges:
+    for first, end in find_runs(levels != kept):
         # the jump into it, or, at the take's start, the one out of it
         k = int(np.searchsorted(jumps.rows, first if first > 0 else end))
         size = float(jumps.sizes[k])

@@ -8,8 +8,9 @@ import math
 
 import numpy as np
 
-from bcid.aliases import Bools, Floats, Ints
+from bcid.aliases import Bools, Floats
 from bcid.recording.checks.pose_noise import white_noise, wrap_angles, written_digits
+from bcid.recording.checks.rowwise import find_runs
 from bcid.recording.checks.samples import Samples, note_rows, throttle_at
 from bcid.recording.limits import POSE as LIMITS
 
@@ -67,7 +68,7 @@ def drop_frozen_poses(poses: Samples, commands: Samples) -> Samples:
     blurred = _blur_by_digits(values)
     way = np.hypot(*np.diff(values[:, :2], axis=0).T)
     usual = float(np.quantile(way[way > 0.0], LIMITS.usual_quantile)) if (way > 0.0).any() else 0.0
-    for a, b in _runs(same):
+    for a, b in find_runs(same):
         lasts = time_s[b - 1] - time_s[a - 1] > LIMITS.max_repeat_s
         pushed = bool(throttle[a:b].min() > 0.0)
         # at the end of the take, the motion before it shows how far the car may have gone
@@ -95,11 +96,6 @@ def drop_frozen_poses(poses: Samples, commands: Samples) -> Samples:
     return Samples(time_s[kept], values[kept], noted)
 
 
-def _runs(rows: Bools) -> Ints:
-    """First and end (R, 2) of the runs of marked rows in `rows` (N,)."""
-    return np.flatnonzero(np.diff(np.r_[False, rows, False].astype(int))).reshape(-1, 2)
-
-
 def _stood(way: Floats, a: int, b: int, usual: float, lasts: bool, pushed: bool) -> bool:
     """Whether a car that repeats the pose of row a - 1 in the rows a to b - 1 stood there, by its steps `way` (N - 1,).
 
@@ -118,7 +114,7 @@ def _held_yaw(time_s: Floats, values: Floats) -> Bools:
     """Mask (N,) of poses (N, 3) that repeat a yaw to the last digit for long while the path turns."""
     held = np.zeros(len(time_s), dtype=bool)
     clear = LIMITS.min_path_noises * float(np.hypot(*(white_noise(values) + written_digits(values))[:2]))
-    for a, b in _runs(np.r_[False, np.diff(values[:, 2]) == 0.0]):
+    for a, b in find_runs(np.r_[False, np.diff(values[:, 2]) == 0.0]):
         if time_s[b - 1] - time_s[a - 1] <= LIMITS.max_repeat_s or b - a > LIMITS.max_held_yaw_share * len(held):
             continue
         first, _, last = np.diff(values[np.linspace(a - 1, b - 1, 4).astype(int), :2], axis=0)

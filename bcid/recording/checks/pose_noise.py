@@ -9,6 +9,9 @@ from bcid.recording.limits import POSE as LIMITS
 
 GAUSSIAN_MAD = 1.4826  # standard deviations in a median absolute deviation
 THIRD_DIFFERENCE = math.sqrt(20.0)  # standard deviations of white noise in that of its third differences
+MOST_DECIMALS = 8  # of metres in which poses are written
+MAX_DECIMAL_ERROR = 1e-4  # of a number of such decimals, by the arithmetic
+DOUBLE_STEPS = 8.0  # by which arithmetic errs that turns and scales
 ROUNDED_DECIMALS = 9  # of changes, beyond which they are errors of the arithmetic
 
 
@@ -35,6 +38,20 @@ def white_noise(pose: Floats) -> Floats:
     pose = pose[np.r_[True, (np.diff(pose, axis=0) != 0.0).any(axis=1)]]
     known = np.ones(len(pose), dtype=bool)
     return np.array([white_noise_sd(column, known) for column in (pose[:, 0], pose[:, 1], np.unwrap(pose[:, 2]))])
+
+
+def rounding_step(values: Floats) -> float:
+    """The step of decimals, or of floats of 32 or 64 bits, to which all `values` (N, n) are rounded, however fine.
+
+    Values that were turned or scaled by something else have that of floats; `written_digits` finds any coarse one.
+    """
+    largest = float(np.abs(values).max(initial=0.0))
+    for decimals in range(MOST_DECIMALS + 1):
+        scaled = values * 10.0**decimals
+        if (np.abs(scaled - np.round(scaled)) < MAX_DECIMAL_ERROR).all():
+            return float(10.0**-decimals)
+    single = bool((values.astype(np.float32) == values).all())
+    return largest * float(np.finfo(np.float32).eps if single else DOUBLE_STEPS * np.finfo(np.float64).eps)
 
 
 def written_digits(values: Floats) -> Floats:
