@@ -1,4 +1,4 @@
-"""The balance of forces that docs/real_recordings.md tells of the DART."""
+"""The balance of forces that docs/dart.md tells of the DART."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bcid.vehicle import Body
 
 BODY = Body(mass_kg=1.58, cog_to_front_m=0.0805, cog_to_rear_m=0.093, drive="all", front_drive_share=0.5)
 PERIOD_S = 0.02
-PAGE = Path(__file__).parents[1] / "docs" / "real_recordings.md"
+PAGE = Path(__file__).parents[1] / "docs" / "dart.md"
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from dart_formulas import RESULT, formula_table, grid
 
-PAGE = Path(__file__).parents[1] / "docs" / "real_recordings.md"
+PAGE = Path(__file__).parents[1] / "docs" / "dart.md"
 
 
 def rows_of(table: list[dict[str, Any]], force: str, where: str = "") -> list[dict[str, Any]]:

@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -331,7 +332,13 @@ def test_the_docs_of_fleets_tell_what_a_cluster_made() -> None:
     assert found["differ"] == []
     assert found["cluster"]["killed"] == 1.0
     assert found["done"] == found["logs"]
-    assert f"{found['logs']} logs of a minute, taken through everything" in page
+    assert f"{found['logs']} logs of half a minute, taken through everything" in page
+    assert found["seconds"] == 30.0
+    cost = found["local"]
+    few, many = cost["few"], cost["many"]
+    assert f"Among {many['logs']} a log takes {cost['growth']:.2f} times the processor time" in page
+    assert f"takes among {few['logs']}, and the largest process {many['peak_mib']:.0f} MiB in place of" in page
+    assert f"MiB in place of {few['peak_mib']:.0f}" in page
     assert f"gave the same {found['files']} files" in page
     assert f"which {found['differ_by_the_command']} of them tell" in page
 
@@ -518,6 +525,30 @@ def test_the_docs_tell_how_far_models_of_a_real_drive_hold() -> None:
     one, other = found["remainders"]
     assert f"tyres {other['alone'] - one['alone']:.0f} nats apart" in page
     assert f"evidence is {other['with_remainder'] - one['with_remainder']:.0f} nats apart" in page
+
+
+def test_the_docs_tell_what_is_wrong_with_base_models_of_real_drives() -> None:
+    found = json.loads((DOCS / "results" / "real_misfits.json").read_text(encoding="utf-8"))
+    page = " ".join((DOCS / "real_recordings.md").read_text(encoding="utf-8").split())
+    free, held = (found["inertia"][key] for key in ("free", "held"))
+    assert free["constants"]["I_z"] > 12.0 * held["constants"]["I_z"]
+    assert f"the drive is {free['log_likelihood'] - held['log_likelihood']:.0f} nats likelier" in page
+    worst = max(abs(row["off"] / row["yaw_rate"]) for row in found["inertia"]["yaw_rate_of_held"])
+    assert f"are off by up to {100.0 * worst:.0f} %" in page
+    published = tomllib.loads((ROOT / "pipelines" / "dart" / "simulation.toml").read_text(encoding="utf-8"))[
+        "parameters"
+    ]["K_t"]
+    taken = found["together"]["published"]["constants"]["K_t"] / published
+    assert f"together take {100.0 * taken:.0f} % of the published motor force" in page
+    offset = found["together"]["offset"]
+    assert f"by {offset['rad']:.4f} ± {offset['se']:.4f} rad, worth {offset['nats']:.0f} nats together" in page
+    slow, fast = found["alike"].values()
+    lean, play = ([law[key] for law in (slow, fast)] for key in ("lean_m_per_mps2", "play_rad"))
+    assert all(law["size"] < 0.0 for law in (*lean, *play))
+    leans = " and ".join(f"{-1e3 * law['size']:.2f} ± {1e3 * law['se']:.2f}" for law in lean)
+    assert f"leans outward by {leans} mm" in page
+    plays = " and ".join(f"{-law['size']:.4f} ± {law['se']:.4f}" for law in play)
+    assert f"give way by {plays} rad" in page
 
 
 def test_the_docs_tell_what_free_functions_predict_of_real_drives() -> None:
