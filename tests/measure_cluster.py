@@ -7,8 +7,7 @@ and on a cluster of two workers, of which one that is at work is killed with -9 
 all files of all artifacts by the hashes in their manifests.  Before, four of them are done by themselves: what a log
 costs in many, beside what it costs in few.  It writes docs/results/fleet_cluster.json, and fails unless all logs were
 done both ways, a worker was killed, and nothing differs.  Model cards and pages tell the command by which they were
-made: these are compared without it.  Of what was made here before logs and the local run are kept; what was begun
-before is not weighed.
+made: these are compared without it.  Of what was made here before only the logs are kept.
 """
 
 from __future__ import annotations
@@ -64,23 +63,19 @@ def run_here(logs: list[str], out: str) -> WeighedRun:
     return run_and_weigh(fleet_command(logs, out, "--jobs", str(WORKERS)))
 
 
-def weigh_few_and_many(home: Path, logs: list[str]) -> dict[str, Any]:
+def weigh_few_and_many(logs: list[str]) -> dict[str, Any]:
     """The run over all logs on this machine, and what a log costs in it beside what it costs in one over FEW.
 
     A run before them, over as many logs as there are workers, compiles and is not counted.
     """
-    begun = (home / "local").exists()
-    if not begun:
-        run_here(logs[:WORKERS], "compiled")
-        few = run_here(logs[:FEW], "few")
-    many = run_here(logs, "local")
-    found: dict[str, Any] = {"exit": many.status, "wall_s": round(many.wall_s, 1)}
-    if not begun:
-        found["few"] = {"logs": FEW, **describe_cost(few, FEW)}
-        found["many"] = {"logs": len(logs), **describe_cost(many, len(logs))}
-        found["growth"] = round(many.cpu_s / len(logs) / (few.cpu_s / FEW), 3)
-        found["memory_growth"] = round(many.peak_mib / few.peak_mib - 1.0, 3)
-    return found
+    run_here(logs[:WORKERS], "compiled")
+    few, many = run_here(logs[:FEW], "few"), run_here(logs, "local")
+    return {
+        "exit": many.status, "wall_s": round(many.wall_s, 1),
+        "few": {"logs": FEW, **describe_cost(few, FEW)}, "many": {"logs": len(logs), **describe_cost(many, len(logs))},
+        "growth": round(many.cpu_s / len(logs) / (few.cpu_s / FEW), 3),
+        "memory_growth": round(many.peak_mib / few.peak_mib - 1.0, 3),
+    }  # fmt: skip
 
 
 def describe_cost(run: WeighedRun, count: int) -> dict[str, float]:
@@ -136,8 +131,9 @@ def main() -> None:
     os.environ["SOURCE_DATE_EPOCH"] = MADE_S  # of all processes, as workers of a cluster make pages, too
     logs = write_logs(home, count, seconds)
     os.chdir(home)
-    shutil.rmtree(home / "cluster", ignore_errors=True)
-    local = weigh_few_and_many(home, logs)
+    for name in ("compiled", "few", "local", "cluster"):
+        shutil.rmtree(home / name, ignore_errors=True)
+    local = weigh_few_and_many(logs)
     on_cluster = run_on_cluster(home, logs)
     ours, theirs = file_hashes(home / "local"), file_hashes(home / "cluster")
     unequal = sorted(name for name in ours.keys() | theirs.keys() if ours.get(name) != theirs.get(name))

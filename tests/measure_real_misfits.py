@@ -7,7 +7,7 @@ docs/results/real_misfits.json, which docs/real_recordings.md tells:
   the yaw rate that is predicted without pushes then is from the measured one, by speed;
 - of three drives of that day together, where the fit ends, and what an offset of the steering is worth;
 - of both drives of 16 September, what two laws that have no name here are worth to first order, each drive by itself:
-  a body that leans outward, and play of the steered wheels that their tyres press to one side.
+  a body that leans outward, and steered wheels that fall short of their angle by the same on either side.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def _speed_and_yaw_rate(pose: Floats, take: Take) -> tuple[Floats, Floats]:
 
 
 def laws_without_names(fit: Fit, take: Take) -> dict[str, dict[str, float]]:
-    """What a lean and a play of the steered wheels are worth to first order, with their sizes."""
+    """What a lean, and wheels that fall short of their angle, are worth to first order, with their sizes."""
     at = linearise_fit(fit, take)
     inputs = fit.hypothesis.prediction_inputs(fit.phi, take)
     pose = take.pose - at.r
@@ -137,7 +137,7 @@ def measure(recordings: Path) -> dict[str, Any]:
         "inertia": {"drive": ONE, "free": describe(free), "held": describe(held),
                     "yaw_rate_of_held": yaw_rates_without_pushes(held, take)},
         "together": {
-            "drives": list(TOGETHER), "published": describe(joint), "with_an_offset": describe(offset),
+            "drives": list(TOGETHER), "without_offset": describe(joint), "with_an_offset": describe(offset),
             "offset": {"nats": round(offset.penalised_log_likelihood - joint.penalised_log_likelihood, 1),
                        "rad": round(o, 5), "se": round(se, 5)},
         },

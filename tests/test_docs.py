@@ -538,7 +538,7 @@ def test_the_docs_tell_what_is_wrong_with_base_models_of_real_drives() -> None:
     published = tomllib.loads((ROOT / "pipelines" / "dart" / "simulation.toml").read_text(encoding="utf-8"))[
         "parameters"
     ]["K_t"]
-    taken = found["together"]["published"]["constants"]["K_t"] / published
+    taken = found["together"]["without_offset"]["constants"]["K_t"] / published
     assert f"together take {100.0 * taken:.0f} % of the published motor force" in page
     offset = found["together"]["offset"]
     assert f"by {offset['rad']:.4f} ± {offset['se']:.4f} rad, worth {offset['nats']:.0f} nats together" in page
@@ -548,7 +548,7 @@ def test_the_docs_tell_what_is_wrong_with_base_models_of_real_drives() -> None:
     leans = " and ".join(f"{-1e3 * law['size']:.2f} ± {1e3 * law['se']:.2f}" for law in lean)
     assert f"leans outward by {leans} mm" in page
     plays = " and ".join(f"{-law['size']:.4f} ± {law['se']:.4f}" for law in play)
-    assert f"give way by {plays} rad" in page
+    assert f"fall short of their angle by {plays} rad" in page
 
 
 def test_the_docs_tell_what_free_functions_predict_of_real_drives() -> None:

@@ -182,7 +182,7 @@ def test_another_size_of_an_effect_of_the_first_drive_s_model_is_told_as_changed
 
 @pytest.mark.parametrize(
     ("augmented", "base", "sindy", "below", "best"),
-    [(0.1, 0.2, 0.3, True, True), (0.2, 0.2, 0.3, False, True), (0.1, 0.2, 0.05, True, False),
+    [(0.1, 0.2, 0.3, True, True), (0.2, 0.2, 0.3, False, False), (0.1, 0.2, 0.05, True, False),
      (None, None, None, False, False), (0.1, None, None, True, True)],
 )  # fmt: skip
 def test_predictions_of_another_drive_are_compared_by_their_medians(

@@ -194,6 +194,9 @@ class InterpolationLimits:
     min_regular_share: float = 0.8
     # straight rows in turn that fill a gap: in noise, never by chance
     min_filled_rows: int = 5
+    # share of straight rows in shorter runs, by those that bend, up to which they are chance (test_interpolated: a
+    # camera's pixels seen in perspective); such rows of a table that fills single gaps, too, keep their place
+    max_single_share: float = 0.01
     # third differences by second ones: 1.83 in white noise, 1.41 where the acceleration is noise
     min_noise_ratio: float = 1.6
 

@@ -177,14 +177,14 @@ def _score_replication(row: Mapping[str, Any]) -> Row:
 def _score_transfer(row: Mapping[str, Any]) -> Row:
     """Score predictions of another drive by their median errors: right is an augmented model below its base model.
 
-    Adds "below_base" and "best": no other method has a smaller median.  A lost prediction is endlessly wrong.
+    Adds "below_base" and "best": every other method has a larger median.  A lost prediction is endlessly wrong.
     """
     medians = {name: math.inf if e["median_m"] is None else e["median_m"] for name, e in row["errors"].items()}
     own = medians.pop(AUGMENTED)
     medians.pop(NAMED, None)  # a part of it
     return {
         **row, "right": own < medians[BASE], "false": [], "below_base": own < medians[BASE],
-        "best": math.isfinite(own) and own <= min(medians.values()),
+        "best": own < min(medians.values()),
     }  # fmt: skip
 
 

@@ -27,14 +27,14 @@ class PathBends(NamedTuple):
 def drop_interpolated_poses(poses: Samples) -> Samples:
     """The poses x, y, yaw (N, 3) without those that straight lines between measured ones have put in.
 
-    Rows that stand still are repeats, and judged elsewhere.
+    Rows that stand still are repeats, and judged elsewhere.  A simulator that changes its speed at even times looks
+    like a table that was filled up: its corners hold all that it says.
     """
     bends = _find_bends(poses.time_s, poses.values[:, :2])
-    corners = find_runs(bends.corner)
-    moving = (bends.straight | bends.corner).sum()
-    if bends.straight.sum() > LIMITS.min_straight_share * moving and _are_evenly_spaced(corners):
-        return _thin_filled_table(poses, bends, corners)
-    return _drop_filled_gaps(poses, bends)
+    corners, straight = find_runs(bends.corner), bends.straight.sum()
+    if straight <= LIMITS.min_straight_share * (straight + bends.corner.sum()):
+        return _drop_filled_gaps(poses, bends)
+    return _thin_filled_table(poses, bends, corners) if _are_evenly_spaced(corners) else poses
 
 
 def _thin_filled_table(poses: Samples, bends: PathBends, corners: Ints) -> Samples:
@@ -42,8 +42,10 @@ def _thin_filled_table(poses: Samples, bends: PathBends, corners: Ints) -> Sampl
 
     Where a measured pose fell between two rows, both of them bend: nothing is left out there, with a warning.
     """
-    time_s, straight = poses.time_s, bends.straight
-    text = f"on straight lines between poses that come at {1.0 / np.median(np.diff(time_s[corners[:, 0]])):.3g} Hz"
+    time_s, straight, apart = poses.time_s, bends.straight, np.diff(corners[:, 0])
+    usual = np.abs(apart - np.median(apart)) <= 1
+    rate_hz = 1.0 / (float(apart[usual].mean()) * float(np.median(np.diff(time_s))))
+    text = f"on straight lines between poses that come at {rate_hz:.3g} Hz"
     if np.median(np.diff(corners, axis=1)) > 1:
         text = f"{text}, of which few are rows: log the poses as they are measured"
         noted = note_rows(time_s, straight, "pose interpolated", "warning", text)
@@ -51,16 +53,22 @@ def _thin_filled_table(poses: Samples, bends: PathBends, corners: Ints) -> Sampl
     row = np.arange(len(time_s))
     after = row - np.maximum.accumulate(np.where(bends.corner, row, 0))
     at_rest = ~straight & ~bends.corner
-    between = at_rest & (after % int(np.median(np.diff(corners[:, 0]))) != 0)
+    between = at_rest & (after % int(np.median(apart)) != 0)
     return poses.without(straight | between, "pose interpolated", "fixed", f"{text}: these count")
 
 
 def _drop_filled_gaps(poses: Samples, bends: PathBends) -> Samples:
-    """The poses without straight lines over gaps: told only where noise is seen, as a smooth path may be straight."""
+    """The poses without straight lines over gaps: told only where noise is seen, as a smooth path may be straight.
+
+    Where single rows are straight as well, digits make them so.
+    """
     filled = np.zeros(len(bends.straight), dtype=bool)
     for a, b in find_runs(bends.straight):
         filled[a:b] = b - a >= LIMITS.min_filled_rows
-    if not filled.any() or not _bends_by_noise(poses, bends.corner):
+    single = (bends.straight & ~filled).sum()
+    if not filled.any() or single > LIMITS.max_single_share * bends.corner.sum():
+        return poses
+    if not _bends_by_noise(poses, bends.corner):
         return poses
     text = f"a straight line over {len(find_runs(filled))} gaps: nothing was measured there"
     return poses.without(filled, "pose gap filled", "excluded", text)
@@ -128,7 +136,7 @@ def _bends_by_noise(poses: Samples, corner: Bools) -> bool:
 
 
 def _divided_difference(xy: Floats, t: Floats, order: int) -> Floats:
-    """The difference quotient (N - order, 2) of positions (N, 2) by `t` (N,); of an even `t` the plain difference."""
+    """The difference quotient (N - order, 2) of positions (N, 2) by `t` (N,): of whole numbers the plain difference."""
     for k in range(1, order + 1):
         xy = np.diff(xy, axis=0) * (k / (t[k:] - t[:-k]))[:, None]
     return xy
