@@ -94,6 +94,14 @@ def test_ticks_are_no_straight_lines(tick_m: float, turned_rad: float) -> None:
     assert drop_interpolated_poses(poses._replace(values=values)).irregularities == []
 
 
+@pytest.mark.parametrize("speed_mps", [0.4, 0.41, 1.0])
+def test_an_encoder_on_a_rail_draws_no_straight_lines(speed_mps: float) -> None:
+    t = np.arange(0.0, 30.0, 0.01)
+    x = np.round(speed_mps * t * 730.0) / 730.0
+    poses = Samples(t, np.column_stack([0.8 * x, 0.6 * x, np.zeros_like(x)]), [])
+    assert drop_interpolated_poses(poses).irregularities == []
+
+
 def test_pixels_seen_in_perspective_are_no_straight_lines() -> None:
     poses = winding_path(100.0)
     pixel = np.round(300.0 * poses.values[:, :2])
