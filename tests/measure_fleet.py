@@ -2,7 +2,7 @@
 
     python tests/measure_fleet.py FOLDER [FLEETS] [WORKERS]
 
-diagnoses twelve logs of half a minute of each fleet, four on each of three days, keeps them in FOLDER/rows.jsonl, and
+diagnoses twelve logs of a minute of each fleet, four on each of three days, keeps them in FOLDER/rows.jsonl, and
 writes docs/results/fleet.json when all are there; the same command goes on where it was stopped.  A fleet is a small
 car drawn anew, with its published simulation.  In the first FLEETS an effect of the vocabulary is in four of the eight
 logs from the second day on, in as many further ones there is none.
@@ -35,7 +35,7 @@ from bcid.simulation.room_drivers import DRIVERS
 from bcid.simulation.small_car import draw_small_car
 
 RESULT = Path(__file__).parents[1] / "docs" / "results" / "fleet.json"
-LOGS, DAYS, AFFECTED, SECONDS, TRUST = 12, 3, 4, 30.0, 0.05
+LOGS, DAYS, AFFECTED, SECONDS, TRUST = 12, 3, 4, 60.0, 0.05
 SINCE = 0.5  # share of the logs since the second day that have it
 WITHOUT = 1000  # number of the first fleet without an effect
 DAY_OF = [log * DAYS // LOGS for log in range(LOGS)]
