@@ -77,11 +77,10 @@ def _fit(recordings: Path, drive: str, stated: tuple[str, ...]) -> dict[str, Any
     from bcid.diagnosis.diagnose import fit_base_model
     from bcid.proof.real.question_files import QuestionInputs
     from bcid.proof.real.questions import read_questions
-    from bcid.vehicle import Clock, read_vehicle
+    from bcid.vehicle import Clock
 
     questions = read_questions(DART / "cases.toml")
-    drives = {d.recording: d for d in questions.drives}
-    inputs = QuestionInputs(read_vehicle(questions.vehicle), drives, questions.simulation, recordings)
+    inputs = QuestionInputs.of_questions(questions, recordings)
     vehicle = inputs.vehicle_for(drive)
     clock = Clock(**{name: getattr(vehicle.clock, name) for name in stated})
     vehicle = vehicle.model_copy(update={"clock": clock})

@@ -24,7 +24,6 @@ from bcid.evaluation.closed_loop import position_errors
 from bcid.likelihood.refit import Effort, Fit, refit
 from bcid.likelihood.take import Take
 from bcid.proof.real.jobs import QuestionInputs, read_questions
-from bcid.vehicle import read_vehicle
 
 ROOT = Path(__file__).parents[1]
 SLOW, FAST = "09_16_2024_10_01_01", "09_16_2024_10_02_28"
@@ -36,9 +35,8 @@ SHOWN = ("I_z", "C_f", "C_r", "F_f_max", "F_r_max", "R_1", "R_2", "K_t")
 def measure(recordings: Path) -> dict[str, Any]:
     """All figures, by drive and by model."""
     questions = read_questions(ROOT / "pipelines" / "dart" / "cases.toml")
-    drives = {drive.recording: drive for drive in questions.drives}
-    inputs = QuestionInputs(read_vehicle(questions.vehicle), drives, questions.simulation, recordings)
-    names = {short: next(name for name in drives if short in name) for short in (SLOW, FAST)}
+    inputs = QuestionInputs.of_questions(questions, recordings)
+    names = {short: next(name for name in inputs.drives if short in name) for short in (SLOW, FAST)}
     vehicles = {short: inputs.vehicle_for(name) for short, name in names.items()}
     read = {short: inputs.estimate_recording(names[short], vehicles[short]) for short in names}
     recording, estimate, _ = read[SLOW]

@@ -54,12 +54,10 @@ def real_drives(recordings: Path) -> Any:
     """The name and the base fit of each real drive, without a simulation."""
     from bcid.diagnosis.diagnose import fit_base_model
     from bcid.proof.real.jobs import QuestionInputs, read_questions
-    from bcid.vehicle import read_vehicle
 
     questions = read_questions(ROOT / "pipelines" / "dart" / "cases.toml")
-    drives = {drive.recording: drive for drive in questions.drives}
-    inputs = QuestionInputs(read_vehicle(questions.vehicle), drives, questions.simulation, recordings)
-    for name in drives:
+    inputs = QuestionInputs.of_questions(questions, recordings)
+    for name in inputs.drives:
         if any(part in name for part in DRIVES):
             vehicle = inputs.vehicle_for(name)
             recording, estimate, _ = inputs.estimate_recording(name, vehicle)

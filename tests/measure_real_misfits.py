@@ -32,7 +32,6 @@ from bcid.likelihood.refit import Effort, Fit, refit
 from bcid.likelihood.take import Take
 from bcid.likelihood.tracking_functions import _rates
 from bcid.proof.real.jobs import QuestionInputs, read_questions
-from bcid.vehicle import read_vehicle
 
 ROOT = Path(__file__).parents[1]
 ONE, TOGETHER = "15_46_50", ("14_30_56", "16_05_28", "16_15_13")
@@ -47,12 +46,11 @@ class Drives:
 
     def __init__(self, recordings: Path) -> None:
         questions = read_questions(ROOT / "pipelines" / "dart" / "cases.toml")
-        self.names = {drive.recording: drive for drive in questions.drives}
-        self.inputs = QuestionInputs(read_vehicle(questions.vehicle), self.names, questions.simulation, recordings)
+        self.inputs = QuestionInputs.of_questions(questions, recordings)
 
     def fit(self, *parts: str) -> tuple[Fit, Take]:
         """The published simulation fitted to drives together."""
-        names = [next(name for name in self.names if part in name) for part in parts]
+        names = [next(name for name in self.inputs.drives if part in name) for part in parts]
         vehicles = [self.inputs.vehicle_for(name) for name in names]
         read = [self.inputs.estimate_recording(n, v) for n, v in zip(names, vehicles, strict=True)]
         recordings, estimates, _ = zip(*read, strict=True)

@@ -17,7 +17,6 @@ from bcid.diagnosis.diagnose import diagnose_recordings
 from bcid.diagnosis.judge.prediction_error import compare_predictions
 from bcid.errors import InputRefused
 from bcid.proof.real.jobs import QuestionInputs, question_code_digest, read_questions
-from bcid.vehicle import read_vehicle
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "docs" / "results" / "real_held_out.json"
@@ -49,9 +48,8 @@ def main(recordings: Path) -> None:
     told = told if told.get("code") == code else {"code": code, "drives": {}}
     for file in FILES:
         questions = read_questions(ROOT / file)
-        drives = {drive.recording: drive for drive in questions.drives}
-        inputs = QuestionInputs(read_vehicle(questions.vehicle), drives, questions.simulation, recordings)
-        for name in drives.keys() - told["drives"].keys():
+        inputs = QuestionInputs.of_questions(questions, recordings)
+        for name in inputs.drives.keys() - told["drives"].keys():
             try:
                 told["drives"][name] = measure_drive(name, inputs)
             except InputRefused as refusal:

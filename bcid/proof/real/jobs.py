@@ -27,7 +27,6 @@ from bcid.proof.real.questions import (
 from bcid.proof.real.variations import AS_ASKED, PARTS, STARTS, QuestionVariation
 from bcid.proof.rows import code_digest
 from bcid.recording.read import read_recording
-from bcid.vehicle import read_vehicle
 
 ROW_MODULES = tuple(
     f"bcid.proof.real.{name}" for name in ("withheld", "edited", "transfer", "replication", "day_model")
@@ -68,8 +67,7 @@ def list_jobs(file: Path, recordings: Path) -> list[Job]:
         InputRefused: the file, or one that it names, is invalid.
     """
     questions = read_questions(file)
-    drives = {drive.recording: drive for drive in questions.drives}
-    inputs = QuestionInputs(read_vehicle(questions.vehicle), drives, questions.simulation, recordings)
+    inputs = QuestionInputs.of_questions(questions, recordings)
     inputs.check_vehicles(questions, file)
     return list(_Planner(questions, inputs).plan())
 

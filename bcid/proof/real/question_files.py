@@ -25,7 +25,7 @@ from bcid.proof.real.questions import QuestionFile, RecordedDrive
 from bcid.proof.real.variations import AS_ASKED, QuestionVariation, cut_recording
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording
-from bcid.vehicle import Vehicle
+from bcid.vehicle import Vehicle, read_vehicle
 
 # as a pipeline file has them where it says nothing else
 PERIOD_S, MAX_GAP_S = 0.1, 0.3
@@ -38,6 +38,16 @@ class QuestionInputs(NamedTuple):
     drives: Mapping[str, RecordedDrive]
     simulation: Path | None
     recordings: Path
+
+    @classmethod
+    def of_questions(cls, questions: QuestionFile, recordings: Path) -> QuestionInputs:
+        """The vehicle, drives and simulation of `questions` about the recordings in a folder.
+
+        Raises:
+            InputRefused: the vehicle file is invalid.
+        """
+        drives = {drive.recording: drive for drive in questions.drives}
+        return cls(read_vehicle(questions.vehicle), drives, questions.simulation, recordings)
 
     def vehicle_for(self, recording: str, tables: Mapping[str, Any] = MappingProxyType({})) -> Vehicle:
         """The vehicle as it was in a recording, with `tables` in place of its own."""

@@ -62,15 +62,16 @@ def _drop_filled_gaps(poses: Samples, bends: PathBends) -> Samples:
 
     Where single rows are straight as well, digits make them so.
     """
+    runs = find_runs(bends.straight)
+    gaps = runs[runs[:, 1] - runs[:, 0] >= LIMITS.min_filled_rows]
     filled = np.zeros(len(bends.straight), dtype=bool)
-    for a, b in find_runs(bends.straight):
-        filled[a:b] = b - a >= LIMITS.min_filled_rows
+    for a, b in gaps:
+        filled[a:b] = True
     single = (bends.straight & ~filled).sum()
-    if not filled.any() or single > LIMITS.max_single_share * bends.corner.sum():
+    by_chance = single > LIMITS.max_single_share * bends.corner.sum()
+    if not len(gaps) or by_chance or not _bends_by_noise(poses, bends.corner):
         return poses
-    if not _bends_by_noise(poses, bends.corner):
-        return poses
-    text = f"a straight line over {len(find_runs(filled))} gaps: nothing was measured there"
+    text = f"a straight line over {len(gaps)} gaps: nothing was measured there"
     return poses.without(filled, "pose gap filled", "excluded", text)
 
 
